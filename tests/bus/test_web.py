@@ -343,8 +343,11 @@ def test_what_cannot_start_says_why(troll: Daemon, web: Web, tmp_path: Path) -> 
     names(taken.stderr, "--port 0")
     wrong = tmp_path / "wrong.mcap"
     wrong.write_bytes(b"no recording")
+    pipe = tmp_path / "pipe.mcap"
+    os.mkfifo(pipe)
     for options, text in (
-        ((str(wrong),), "is no MCAP file, or is damaged"),
+        ((str(wrong),), "is no MCAP file"),
+        ((str(pipe),), "not a regular file"),
         ((str(tmp_path / "none.mcap"),), "No such file"),
         ((str(tmp_path / "run.csv"),), "MCAP"),
         (("--allow", "everything"), "everything"),

@@ -115,14 +115,16 @@ class Web:
         self.host = f"localhost:{self.port}"
         self.tls = ssl.create_default_context(cafile=str(site.folder / "authority.pem"))
 
-    def get(self, path: str, source: str = "127.0.0.1", **headers: str) -> Answer:
+    def get(
+        self, path: str, source: str = "127.0.0.1", method: str = "GET", **headers: str
+    ) -> Answer:
         """Status, headers and text of an answer to a machine with an address."""
         where = ("localhost", self.port)
         client = http.client.HTTPSConnection(
             *where, timeout=PATIENCE, context=self.tls, source_address=(source, 0)
         )
         try:
-            client.request("GET", path, headers=headers)
+            client.request(method, path, headers=headers)
             answer = client.getresponse()
             return answer.status, dict(answer.headers), answer.read().decode()
         finally:
@@ -271,7 +273,17 @@ def test_strangers_get_nothing_over_tls(site: Site, web: Web) -> None:
     assert web.get("/login", Authorization="Bearer x")[0] == 401
     for path in ("/login", "/logout"):
         assert web.get(path, Cookie=cookie, **{"Sec-Fetch-Site": "same-site"})[0] == 403
-    assert web.get("/", **{"X-Long": "a" * 20_000})[0] in (400, 431)
+    for path, status, name in (("/?" + "a" * 20_000, 414, "X"), ("/", 431, "X-Long")):
+        found, _, text = web.get(path, **{name: "a" * (20_000 if path == "/" else 1)})
+        assert found == status
+        names(text, "too long")
+        assert "WebSocket" not in text
+    for method in ("POST", "PUT", "DELETE", "TRACE", "HEAD"):
+        status, headers, text = web.get("/login", method=method)
+        assert (status, headers["Allow"]) == (405, "GET")
+        assert ("GET only" in text) == (method != "HEAD")
+    status, _, text = web.get("/socket", Cookie=cookie, Origin=f"https://{web.host}")
+    assert (status, text) == (426, "Only pages of this server open a WebSocket.")
     with serving(site) as other:  # the cookie of one server is none of another one
         own = cookie.replace(str(web.port), str(other.port))
         assert other.refused(own) == 401
@@ -310,7 +322,10 @@ def test_nothing_is_said_without_encryption(web: Web) -> None:
     assert told.startswith(b"HTTP/1.1 308 ")
     assert f"Location: https://{web.host}/\r\n".encode() in told
     assert b"Set-Cookie" not in told
-    assert plain(b"GET / HTTP/1.1\r\nHost: a\r\nb\r\n\r\n").startswith(b"HTTP/1.1 ")
+    for host in (b"evil.example", b"localhost.evil.example", b"[::1]", b"a\r\nb", b"localhost:x"):
+        told = plain(b"GET / HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+        assert told.startswith(b"HTTP/1.1 400 ")
+        assert b"Location" not in told
     assert plain(b"\x00" * 100).startswith(b"HTTP/1.1 400 ")
     tried = (
         "openssl",
@@ -359,6 +374,29 @@ def test_open_handshakes_hold_up_nobody(web: Web) -> None:
         with suppress(ConnectionError):
             assert slow[0].recv(1) == b""
         assert time.monotonic() - begun < PATIENCE
+
+
+def test_thousands_of_connections_need_no_memory(site: Site) -> None:
+    """Without a login they need as much as there are places, however many come one by one."""
+    begun = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"
+    wrong = b"\x16\x03\x01\x00\x05\x01\x00\x00\x01\x00"  # a ClientHello that is none
+
+    def memory() -> int:
+        text = Path(f"/proc/{web.process.pid}/status").read_text()
+        return int(text.partition("VmHWM:")[2].split()[0])
+
+    with serving(site) as web:
+        assert web.get("/")[0] == 200
+        before = memory()
+        for said, count in ((b"", 3000), (begun, 1000), (wrong, 1000)):
+            for _ in range(count):
+                with socket.create_connection(("127.0.0.1", web.port), timeout=PATIENCE) as sock:
+                    sock.sendall(said)
+        for _ in range(200):  # those with a whole handshake
+            with socket.create_connection(("localhost", web.port), timeout=PATIENCE) as sock:
+                web.tls.wrap_socket(sock, server_hostname="localhost").close()
+        assert web.get("/")[0] == 200
+        assert memory() - before < 64 * 1024, "kB"
 
 
 def test_what_cannot_listen_says_why(site: Site, tmp_path: Path) -> None:

@@ -300,7 +300,7 @@ def test_files_and_folders_are_listed_and_shown_without_a_daemon(
     shown = json.loads(said("--json", "show", str(other)))["incidents"]
     assert [(item["bus"], item["reading"]) for item in shown] == [(bus.name, "Slave 4 was lost.\n")]
     for name, why in (
-        (folder / "damaged.mcap", "damaged.mcap is"),
+        (folder / "damaged.mcap", "damaged.mcap: its head is damaged"),
         (tmp_path / "empty", "no incidents in"),
         (tmp_path / "nosuch", "neither a file nor a folder"),
     ):

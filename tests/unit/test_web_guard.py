@@ -2,17 +2,21 @@
 
 import asyncio
 import socket
+import time
+from contextlib import suppress
 from typing import Any
 
 import pytest
 from websockets.datastructures import Headers
 
+from conftest import PATIENCE
 from ecatd.base.errors import BusyError, UsageError
 from ecatd.web.guard import LOOPBACK, Guard
 from ecatd.web.hub import Hub
 from ecatd.web.listening import Address, Listening, bind, read_address
 from ecatd.web.logins import Attempts
 from ecatd.web.sessions import Account, Sessions
+from ecatd.web.turns import WAITING_MAX, Turns, network
 
 
 @pytest.mark.parametrize(
@@ -104,13 +108,77 @@ def test_a_session_ends_with_its_pages_by_time_and_by_request() -> None:
         lasting.end("unknown")
         assert lasting.find(first) is None
         assert lasting.find(second) is not None
-        for _ in range(31):
-            assert lasting.find(second) is not None
-            lasting.begin(account)
-        lasting.begin(account)  # one more than there may be: the oldest one ends
-        assert lasting.find(second) is None
 
     asyncio.run(run())
+
+
+def test_who_logs_in_again_and_again_ends_own_sessions_only() -> None:
+    sessions = Sessions(None)
+
+    def begin(user: str, count: int = 1) -> list[str]:
+        return [sessions.begin(Account(user, no_hub)) for _ in range(count)]
+
+    def left(secrets: list[str]) -> list[bool]:
+        return [sessions.find(secret) is not None for secret in secrets]
+
+    other = begin("anna")
+    assert left(begin("bob", 40)) == [False] * 32 + [True] * 8
+    assert left(other) == [True]
+    more = [begin(f"user{number}", 4) for number in range(5)]
+    dora = begin("dora", 3)  # 32 in all
+    assert all(map(all, map(left, (other, dora, *more))))
+    bob = begin("bob")
+    assert left(bob) == [True]
+    begin("eve", 3)  # bob has the most, so places for them are his
+    assert all(map(all, map(left, (other, dora, bob, *more))))
+
+
+def test_strangers_leave_a_turn_to_those_who_have_logged_in_before() -> None:
+    async def run() -> None:
+        turns, order = Turns(), []
+        ends = asyncio.Event()
+
+        async def attempt(near: str) -> str:
+            try:
+                async with turns.turn(near):
+                    order.append(near)
+                    await ends.wait()
+            except BusyError:
+                return "busy"
+            return "tried"
+
+        async def begin(*nears: str) -> list[asyncio.Task[str]]:
+            tasks = [asyncio.create_task(attempt(near)) for near in nears]
+            await asyncio.sleep(0)
+            return tasks
+
+        turns.know("known")
+        many = await begin("bad", *(["bad"] * WAITING_MAX))
+        assert order == ["bad"]
+        assert len(await begin("known")) == 1
+        assert order == ["bad", "known"]  # at once
+        one, two = await begin("one", "two")  # for each of them, one of many has to go
+        await asyncio.sleep(0)
+        assert [task.done() for task in many[-3:]] == [False, True, True]
+        many[1].cancel()  # a connection that has been closed
+        (three,) = await begin("three")
+        (late,) = await begin("bad")
+        assert await late == "busy"
+        ends.set()
+        assert await asyncio.gather(one, two, three) == ["tried"] * 3
+        assert order[2:6] == ["bad", "one", "two", "three"]  # each in its turn
+        await asyncio.wait(many)
+        crowd = await begin(*(f"bad {number}" for number in range(2 * WAITING_MAX)))
+        results = await asyncio.gather(*crowd, attempt("known"))
+        assert results[-1] == "tried"
+
+    asyncio.run(run())
+
+
+def test_an_address_stands_for_its_network() -> None:
+    assert network("192.0.2.1") == network("::ffff:192.0.2.1") == "192.0.2.1"
+    assert network("2001:db8::1") == network("2001:db8::ffff:2") == "2001:db8::/64"
+    assert network("fe80::1%eth0") == "fe80::/64"
 
 
 def test_tries_of_an_address_are_few_and_those_of_others_go_on() -> None:
@@ -133,35 +201,51 @@ def test_tries_of_an_address_are_few_and_those_of_others_go_on() -> None:
         attempts.count("a")
 
 
-def test_silent_connections_give_their_places_to_others() -> None:
+@pytest.mark.parametrize("said", [b"", b"G"])
+def test_connections_without_a_request_give_their_places_to_others(said: bytes) -> None:
     listening: Listening = bind(Address(port=0))
     there = listening.getsockname()
+    taken: list[socket.socket] = []
 
-    def come(source: str) -> tuple[socket.socket, socket.socket]:
+    def accept() -> None:
+        with suppress(BlockingIOError):
+            while True:
+                taken.append(listening.accept()[0])
+
+    def come(source: str) -> socket.socket:
         theirs = socket.create_connection(there, source_address=(source, 0))
-        theirs.setblocking(False)
-        return theirs, listening.accept()[0]
+        theirs.sendall(said)
+        theirs.settimeout(PATIENCE)
+        accept()
+        if said:
+            accept()
+        sockets.append(theirs)
+        return theirs
 
     def ended(theirs: socket.socket) -> bool:
+        theirs.setblocking(False)
         try:
             return theirs.recv(1) == b""
         except BlockingIOError:
             return False
 
-    sockets: list[tuple[socket.socket, socket.socket]] = []
+    sockets: list[socket.socket] = []
     try:
         page = come("127.0.0.1")
-        listening.keep(page[0].getsockname())
+        listening.keep(page.getsockname())
         many = [come("127.0.0.2") for _ in range(40)]
         other = come("127.0.0.3")
-        sockets += [page, other, *many]
-        assert [ended(theirs) for theirs, _ in many] == [True] * 8 + [False] * 32
+        assert [ended(theirs) for theirs in many] == [True] * 8 + [False] * 32
         more = [come(f"127.0.0.{10 + number}") for number in range(40)]
-        sockets += more
-        assert sum(ended(theirs) for theirs, _ in many) == 8 + 9  # of those who have the most
-        assert not any(ended(theirs) for theirs, _ in (page, other, *more))
+        # Of those who have the most. The page has a place only as long as it says nothing.
+        assert sum(ended(theirs) for theirs in many) == 8 + (9 if said else 10)
+        assert not any(ended(theirs) for theirs in (page, other, *more))
+        assert len(taken) == (len(sockets) if said else 0)
+        listening.hurry(0.0)
+        assert not ended(other)
+        listening.hurry(time.monotonic() + 1)
+        assert ended(other) == (not said)
     finally:
-        for pair in sockets:
-            for sock in pair:
-                sock.close()
+        for sock in (*sockets, *taken):
+            sock.close()
         listening.close()

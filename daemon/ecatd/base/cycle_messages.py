@@ -88,9 +88,9 @@ class CycleMessages:
                 values.append(each.unpack_from(message, at)[1] if is_there else None)
                 at += each.size if is_there else 0
         except struct.error as error:
-            raise ValueError(str(error)) from error
+            raise ValueError("a cycle is too short") from error
         if at != len(message):
-            raise ValueError(f"{len(message) - at} bytes are left")
+            raise ValueError("a cycle is too long")
         return values
 
 

@@ -17,6 +17,7 @@ import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from .errors import ConfigError
 
@@ -195,6 +196,20 @@ def check_regular(file: Path) -> int:
     if not stat.S_ISREG(info.st_mode) and not stat.S_ISDIR(info.st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file")
     return info.st_size
+
+
+def open_regular(file: Path) -> BinaryIO:
+    """Opens a file to read it, and never waits for a pipe.
+
+    Raises:
+        OSError: It is not a regular file, or cannot be opened.
+    """
+    number = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(mode := os.fstat(number).st_mode):
+        os.close(number)
+        what = "it is a folder" if stat.S_ISDIR(mode) else "it is not a regular file"
+        raise OSError(errno.EINVAL, what)
+    return os.fdopen(number, "rb")
 
 
 def is_folder(path: Path) -> bool:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from .cycle_messages import CycleMessages, MessageField, Value
+from .mcap_file import reading_mcap
 
 SIGNALS, FIELDS = "signals", "fields"
 """Keys of the metadata of the channel with the cycles, in JSON: entries, and fields of messages."""
@@ -53,7 +53,7 @@ class IncidentFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._make_reader = import_module("mcap.reader").make_reader
-        with self._damage(), path.open("rb") as file:
+        with reading_mcap(path) as file:
             summary = self._make_reader(file).get_summary()
             channels = [*summary.channels.values()] if summary else []
         found = next((item for item in channels if SIGNALS in item.metadata), None)
@@ -62,23 +62,13 @@ class IncidentFile:
         self._topic = found.topic
         self._attachments = {item.name: item for item in summary.attachment_indexes}
         self.sizes: dict[str, int] = {n: it.data_size for n, it in self._attachments.items()}
-        with self._damage():
+        with reading_mcap(path):
             self.bus: str = found.topic.split("/")[1]
             self.signals: list[dict[str, Any]] = json.loads(found.metadata[SIGNALS])
             fields = [MessageField(name, kind) for name, kind in json.loads(found.metadata[FIELDS])]
             self._messages = CycleMessages(fields)
             self._names = [field.name for field in fields]
             self._check(dict(fields))
-
-    @contextmanager
-    def _damage(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError:
-            raise
-        except Exception as error:  # the library raises many kinds of errors
-            text = f"{self.path} is no MCAP file, or is damaged: {error!r:.200}"
-            raise ValueError(text) from error
 
     def _check(self, types: Mapping[str, str]) -> None:
         if types[CYCLE] != "uint64":
@@ -107,7 +97,7 @@ class IncidentFile:
             raise ValueError(f"{self.path} has no {name}")
         records = import_module("mcap.records")
         stream = import_module("mcap.data_stream").ReadDataStream
-        with self._damage(), self.path.open("rb") as file:
+        with reading_mcap(self.path) as file:
             file.seek(found.offset + _RECORD_HEAD)
             data = file.read(min(found.length, self.size))
             content: bytes = records.Attachment.read(stream(io.BytesIO(data))).data
@@ -120,7 +110,7 @@ class IncidentFile:
             OSError: The file cannot be read.
             ValueError: It is damaged.
         """
-        with self._damage(), self.path.open("rb") as file:
+        with reading_mcap(self.path) as file:
             # In the order of the file, which is that of time: a part of it is in memory at a time.
             found = self._make_reader(file).iter_messages([self._topic], log_time_order=False)
             for _, _, message in found:

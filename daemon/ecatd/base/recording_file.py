@@ -6,6 +6,7 @@ Files of the flight recorder are others: see `incident_file.py`.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import time
@@ -19,6 +20,8 @@ from typing import Any, NamedTuple
 
 from .addresses import parse_address
 from .errors import ConfigError, EcatError, StateError
+from .files import open_regular
+from .mcap_file import reading_mcap
 
 TIME, NUMBER, UTC = "time_s", "cycle", "utc"
 """The first two columns, and the last one: when the values came, by the clock of the PC."""
@@ -65,27 +68,16 @@ class RecordingFile:
             OSError: The file cannot be read.
             ValueError: It is no MCAP file, is damaged, or holds something else.
         """
-        with self._path.open("rb") as file:
-            messages = self._make_reader(file).iter_messages()
-            while True:
-                try:
-                    schema, _, message = next(messages)
-                    if schema is None or schema.name != SCHEMA:
-                        continue
+        with reading_mcap(self._path) as file:
+            for schema, _, message in self._make_reader(file).iter_messages():
+                if schema is not None and schema.name == SCHEMA:
                     content = json.loads(message.data)
-                    found = message.log_time, content["cycle"], dict(content["values"])
-                except StopIteration:
-                    return
-                except OSError:
-                    raise
-                except Exception as error:  # the library raises many kinds of errors
-                    raise ValueError(f"{error!r}") from error
-                yield found
+                    yield message.log_time, content["cycle"], dict(content["values"])
 
     def units(self) -> dict[str, str]:
         """The units by column, from the schema of the file; they may be missing."""
         found: dict[str, str] = {}
-        with self._path.open("rb") as file, suppress(Exception):  # of many kinds, by the library
+        with suppress(Exception), reading_mcap(self._path) as file:
             for schema in self._make_reader(file).get_summary().schemas.values():
                 if schema.name == SCHEMA:
                     values = json.loads(schema.data)["properties"]["values"]["properties"]
@@ -125,12 +117,13 @@ def recorded_rows(path: Path) -> Iterator[Sequence[Any]]:
     except (OSError, EcatError):
         raise
     except Exception as error:  # the libraries raise many kinds of errors
-        what = "it is not text in CSV" if read is _csv else f"{error!r}"
-        raise ConfigError(f"{path}: this is not a recording: {what}") from error
+        what = _WRONG.get(read)
+        text = f"{path}: this is not a recording: {what}" if what else str(error)
+        raise ConfigError(text) from error
 
 
 def _csv(path: Path) -> Iterator[Sequence[str]]:
-    with path.open(newline="", encoding="utf-8") as file:
+    with io.TextIOWrapper(open_regular(path), "utf-8", newline="") as file:
         yield from csv.reader(file)
 
 
@@ -149,7 +142,7 @@ def _mcap(path: Path) -> Iterator[Sequence[Any]]:
 
 def _parquet(path: Path) -> Iterator[Sequence[Any]]:
     parquet = _library(path, "pyarrow.parquet")
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         table = parquet.ParquetFile(file)
         yield [
             column_title(item.name, (item.metadata or {}).get(b"unit", b"").decode())
@@ -157,6 +150,12 @@ def _parquet(path: Path) -> Iterator[Sequence[Any]]:
         ]
         for batch in table.iter_batches():
             yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
+
+
+_WRONG: Mapping[Any, str] = {
+    _csv: "it is not text in CSV",
+    _parquet: "it is no Parquet file, or is damaged; copy it again",
+}
 
 
 def _library(path: Path, name: str) -> Any:

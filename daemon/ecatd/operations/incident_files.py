@@ -13,6 +13,8 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
+from ecatd.base.files import open_regular
+
 from .incidents import Incident
 
 METADATA = "incident"
@@ -109,7 +111,7 @@ def read_head(path: Path) -> Mapping[str, str]:
         OSError: The file cannot be read.
         ValueError: It is no incident.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(_HEAD)
     if not head.startswith(_MAGIC):
         raise ValueError(f"{path} is no MCAP file")
@@ -124,7 +126,7 @@ def read_head(path: Path) -> Mapping[str, str]:
                     return facts
             at += length
     except (struct.error, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is damaged: {error}") from error
+        raise ValueError(f"{path}: its head is damaged after byte {at}; copy it again") from error
     raise ValueError(f"{path} is no incident")
 
 

@@ -190,4 +190,4 @@ def _open(path: Path) -> Contents:
     except OSError as error:
         raise UsageError(f"cannot read '{path}': {error.strerror}") from error
     except ValueError as error:
-        raise UsageError(f"{error}; copy it again if it is not whole") from error
+        raise UsageError(str(error)) from error

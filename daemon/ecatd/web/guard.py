@@ -69,7 +69,11 @@ class Guard:
 
     def is_for_us(self, headers: Headers) -> bool:
         """Whether the browser has asked this machine by its own name."""
-        found = _HOST.fullmatch(only(headers, "Host").lower())
+        return self.is_our_name(only(headers, "Host"))
+
+    def is_our_name(self, host: str) -> bool:
+        """Whether a name or address of a host, with or without a port, is one of this machine."""
+        found = _HOST.fullmatch(host.lower())
         if found is None:
             return False
         name = _normal(found[1] or found[2])

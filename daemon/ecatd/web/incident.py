@@ -15,6 +15,7 @@ from typing import Any
 
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.base.incident_file import CYCLE, IncidentFile
+from ecatd.base.mcap_file import in_words
 from ecatd.description.bus_reader import read_bus
 from ecatd.operations.bus import ReadConfig, ReadInfo, ReadStates
 from ecatd.operations.description import Describe
@@ -106,7 +107,8 @@ class RecordedIncident:
             moment = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(seconds))
             reason = facts["reason"]
         except (OSError, OverflowError, KeyError, ValueError) as error:
-            raise UsageError(f"{self._file.path} is a damaged incident: {error!r}") from error
+            text = f"{self._file.path} is a damaged incident{in_words(error)}; copy it again"
+            raise UsageError(text) from error
         return seconds, f"an incident of bus '{self._file.bus}' at {moment} UTC: {reason}"
 
     def _attachment(self, name: str) -> bytes:
@@ -123,7 +125,7 @@ class RecordedIncident:
             found = json.loads(data)
             encode({"": found})
         except (RecursionError, ValueError) as error:
-            raise UsageError(f"{name} of the incident is damaged: {error!r:.200}") from error
+            raise UsageError(f"{name} of the incident is damaged{in_words(error)}") from error
         return found
 
     def _value(self, name: str, check: Callable[[Any], object]) -> Mapping[str, Any] | EcatError:
@@ -136,7 +138,7 @@ class RecordedIncident:
         except EcatError as error:
             return error
         except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
-            return UsageError(f"{name} of the incident makes no sense: {error!r:.200}")
+            return UsageError(f"{name} of the incident makes no sense{in_words(error)}")
         return found
 
     def _read_events(self) -> tuple[list[Mapping[str, Any]], int]:

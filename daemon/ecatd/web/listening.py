@@ -9,9 +9,14 @@ address (as `gateway/admission.py` has it).
 from __future__ import annotations
 
 import ipaddress
+import math
 import re
+import select
 import socket
+import time
 from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ecatd.base.errors import StateError
@@ -20,7 +25,8 @@ PORT = 8570
 """The port, if nobody asks for one; or one of the next ones."""
 _PORTS = 20
 _PENDING_MAX = 64
-"""Connections whose request is not known yet; half of them from one address."""
+"""Connections that have said nothing, and as many whose request is not known yet; half of them from
+one address."""
 _HEAD_MAX = 4096
 _TLS_HANDSHAKE = 0x16
 """First byte of a connection with TLS (RFC 8446, 5.1)."""
@@ -68,72 +74,164 @@ def read_address(text: str) -> Address:
 class Listening(socket.socket):
     """A socket that takes connections, as the event loop asks it to.
 
+    The event loop sees a connection only when it has said something: until then it is a socket,
+    and neither a task nor the state of TLS.
+
+    Args:
+        family: The family of its address.
+
     Attributes:
-        redirects: Whether connections must be encrypted: others are told so.
+        redirects: If connections must be encrypted, whether a host is this one: a browser that asks
+            it without is sent to the encrypted address.
     """
 
-    redirects = False
+    redirects: Callable[[str], bool] | None = None
 
     def __init__(self, family: int) -> None:
         super().__init__(family, socket.SOCK_STREAM)
-        self._pending: dict[Any, _Taken] = {}  # in the order in which they have come
+        self.setblocking(False)
+        self._ready = select.epoll()
+        self._ready.register(super().fileno(), select.EPOLLIN)
+        self._silent = _Places()
+        self._pending = _Places()
+
+    def fileno(self) -> int:
+        """What is ready when there is something to accept, as the event loop asks."""
+        return -1 if self._ready.closed else self._ready.fileno()
+
+    def close(self) -> None:
+        """Closes it, and the connections that have said nothing."""
+        self._ready.close()
+        self._silent.clear()
+        super().close()
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """Takes a connection; for it, another one may have to give up its place."""
-        found, peer = super().accept()
-        taken = _Taken(found.family, found.type, found.proto, found.detach(), self.redirects)
-        waiting = {at: sock for at, sock in self._pending.items() if sock.fileno() >= 0}
-        near = [at for at in waiting if at[0] == peer[0]]
-        if len(near) >= _PENDING_MAX // 2:
-            waiting.pop(near[0]).give_up()
-        elif len(waiting) >= _PENDING_MAX:
-            # That of the address with the most.
-            most = Counter(at[0] for at in waiting).most_common(1)[0][0]
-            waiting.pop(next(at for at in waiting if at[0] == most)).give_up()
-        self._pending = waiting | {peer: taken}
-        return taken, peer
+        """A connection that has said something; for it, another one may lose its place.
+
+        Raises:
+            BlockingIOError: There is none.
+        """
+        for _ in range(_PENDING_MAX):
+            # One at a time: what closes a connection gives its number to another one.
+            number = next((number for number, _ in self._ready.poll(0, 1)), None)
+            if number is None:
+                break
+            if number == super().fileno():
+                self._take()
+            elif (found := self._silent.pop(number)) is not None:
+                self._ready.unregister(number)
+                if found.begins(self.redirects):
+                    if (loser := self._pending.add(found)) is not None:
+                        loser.give_up()
+                    return found, found.peer
+                found.close()
+        raise BlockingIOError
+
+    def _take(self) -> None:
+        for _ in range(_PENDING_MAX):
+            try:
+                found, peer = super().accept()
+            except (BlockingIOError, ConnectionAbortedError):
+                return
+            taken = _Taken(found, peer)
+            if (loser := self._silent.add(taken)) is not None:
+                loser.close()
+            self._ready.register(taken.fileno(), select.EPOLLIN | select.EPOLLRDHUP)
+
+    def hurry(self, since: float) -> None:
+        """Closes connections that have said nothing since a time of `time.monotonic()`."""
+        self._silent.drop(since)
 
     def keep(self, peer: Any) -> None:
         """The connection with a peer is a page: it needs no such place any more."""
-        self._pending.pop(peer, None)
+        self._pending.forget(peer)
 
 
 class _Taken(socket.socket):
-    """A connection, which may begin as one without encryption where that is needed."""
+    """A connection.
 
-    def __init__(self, family: int, kind: int, proto: int, number: int, encrypted: bool) -> None:
-        super().__init__(family, kind, proto, number)
-        self._looks = encrypted
+    Args:
+        found: Its socket, which it takes over.
+        peer: The address of the other side.
+    """
+
+    def __init__(self, found: socket.socket, peer: Any) -> None:
+        super().__init__(found.family, found.type, found.proto, found.detach())
+        self.setblocking(False)
+        self.peer = peer
+        self.since = time.monotonic()
 
     def give_up(self) -> None:
-        """Closes it as if the other side had."""
+        """Ends it as if the other side had: then the event loop closes it."""
         try:
             self.shutdown(socket.SHUT_RDWR)
         except OSError:
             self.close()
 
-    def recv_into(self, buffer: Any, *more: int) -> int:
-        """Receives; TLS only, where it is needed. A browser that has begun without it is told."""
-        count = super().recv_into(buffer, *more)
-        if self._looks and count:
-            self._looks = False
-            if memoryview(buffer)[0] != _TLS_HANDSHAKE:
-                self._tell(bytes(memoryview(buffer)[: min(count, _HEAD_MAX)]))
-                return 0
-        return count
-
-    def _tell(self, head: bytes) -> None:
-        host = _HOST.search(head)
-        text = b"This address is encrypted: it begins with https://\n"
-        lines = [b"HTTP/1.1 400 Bad Request"]
-        if host:
-            lines = [b"HTTP/1.1 308 Permanent Redirect", b"Location: https://" + host[1] + b"/"]
-        lines += [b"Content-Type: text/plain", b"Content-Length: %d" % len(text)]
-        lines += [b"Cache-Control: no-store", b"Connection: close", b"", text]
+    def begins(self, redirects: Callable[[str], bool] | None) -> bool:
+        """Whether it is to be served. A browser that must come with TLS, and does not, is told."""
         try:
-            self.send(b"\r\n".join(lines))
+            head = self.recv(_HEAD_MAX, socket.MSG_PEEK)
         except OSError:
-            self.give_up()
+            return False
+        if head and redirects is not None and head[0] != _TLS_HANDSHAKE:
+            with suppress(OSError):
+                self.recv(_HEAD_MAX)  # what nobody has read would reset the connection
+                self.send(_without_tls(head, redirects))
+                self.shutdown(socket.SHUT_WR)
+            return False
+        return bool(head)
+
+
+class _Places:
+    """Places for connections: whoever comes takes the place of another one, if there is none."""
+
+    def __init__(self) -> None:
+        self._taken: dict[int, _Taken] = {}  # by number, in the order in which they have come
+
+    def add(self, taken: _Taken) -> _Taken | None:
+        """Gives a connection a place; returns the one that loses it, if one does."""
+        self._taken = {
+            number: sock for number, sock in self._taken.items() if sock.fileno() == number
+        }
+        counts = Counter(sock.peer[0] for sock in self._taken.values())
+        host = taken.peer[0]
+        if counts[host] < _PENDING_MAX // 2:
+            host = counts.most_common(1)[0][0] if len(self._taken) >= _PENDING_MAX else None
+        oldest = next((n for n, sock in self._taken.items() if sock.peer[0] == host), None)
+        loser = self._taken.pop(oldest) if oldest is not None else None
+        self._taken[taken.fileno()] = taken
+        return loser
+
+    def pop(self, number: int) -> _Taken | None:
+        """Takes the place of a connection away."""
+        return self._taken.pop(number, None)
+
+    def forget(self, peer: Any) -> None:
+        """Takes the place of the connection with a peer away."""
+        self._taken = {n: sock for n, sock in self._taken.items() if sock.peer != peer}
+
+    def drop(self, since: float) -> None:
+        """Closes those that have come before a time."""
+        for number, sock in [*self._taken.items()]:
+            if sock.since < since:
+                self._taken.pop(number).close()
+
+    def clear(self) -> None:
+        """Closes all."""
+        self.drop(math.inf)
+
+
+def _without_tls(head: bytes, redirects: Callable[[str], bool]) -> bytes:
+    """The answer to a request without encryption."""
+    host = _HOST.search(head)
+    text = b"This address is encrypted: it begins with https://\n"
+    lines = [b"HTTP/1.1 400 Bad Request"]
+    if host and redirects(host[1].decode()):
+        lines = [b"HTTP/1.1 308 Permanent Redirect", b"Location: https://" + host[1] + b"/"]
+    lines += [b"Content-Type: text/plain", b"Content-Length: %d" % len(text)]
+    lines += [b"Cache-Control: no-store", b"Connection: close", b"", text]
+    return b"\r\n".join(lines)
 
 
 def bind(address: Address) -> Listening:

@@ -9,7 +9,6 @@ whoever takes the server over is at most those users who are logged in at that t
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import binascii
 import math
@@ -28,13 +27,11 @@ from ecatd.config.gateway import USER_NAME
 
 from .hub import Hub
 from .sessions import Account, Sessions
+from .turns import Turns, network
 
 _BURST, _EVERY_S = 10, 6.0
 """Tries of an address at once, and seconds until it has another one."""
 _ADDRESSES_MAX = 1000
-_AT_A_TIME = 2
-"""Passwords that are tried at a time: each takes 50 ms of a processor and 16 MiB, on purpose."""
-_WAITING_MAX = 16
 _WRONG = "User and password do not fit."
 
 
@@ -96,25 +93,20 @@ class PasswordEntrance:
         self._sessions = sessions
         self._hub_of = hub_of
         self._attempts = Attempts()
-        self._trying = asyncio.Semaphore(_AT_A_TIME)
-        self._waiting = 0
+        self._turns = Turns()
 
     async def account(self, shown: str, address: str) -> Account:
         """See `Entrance`."""
         user, password = _basic(shown)
         if not password:  # the page only asks who it is
             raise NotPermittedError(self.advice)
-        self._attempts.count(address)
-        if self._waiting >= _WAITING_MAX:
-            raise BusyError("Too many others log in at this moment: try again.")
-        self._waiting += 1
-        try:
-            async with self._trying:
-                identity = await in_daemon_thread(lambda: self._unlocked(user, password))
-        finally:
-            self._waiting -= 1
+        near = network(address)
+        self._attempts.count(near)
+        async with self._turns.turn(near):
+            identity = await in_daemon_thread(lambda: self._unlocked(user, password))
         if identity is None:
             raise NotPermittedError(_WRONG)
+        self._turns.know(near)
         found = self._sessions.account(user)
         return found or Account(user, lambda bus: self._hub_of(bus, identity))
 

@@ -59,9 +59,7 @@ class Recording:
         except OSError as error:
             raise UsageError(f"cannot read '{self._path}': {error.strerror}") from error
         except ValueError as error:
-            raise UsageError(
-                f"{self._path}: this is not a whole recording of `ecatctl record`: {error}"
-            ) from error
+            raise UsageError(str(error)) from error
 
     def tell(self, hub: Hub) -> None:
         """See `Contents`: there is nothing else."""

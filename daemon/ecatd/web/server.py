@@ -8,7 +8,9 @@ import logging
 import signal
 import socket
 import ssl
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -27,16 +29,28 @@ from .listening import Address, Listening, bind
 from .logins import Entrance, PasswordEntrance, TokenEntrance
 from .page import Page
 from .sessions import SESSION_S, Account, Session, Sessions
-from .tls import read_certificate
+from .tls import EncryptedProtocol, read_certificate
 
 _PAGES_MAX = 16
 """Pages of one user."""
-_OPEN_S = 10.0
-"""Seconds in which a connection must say what it wants, after as many for a TLS handshake."""
+_OPEN_S = 10
+"""Seconds in which a connection must say something, then for TLS, and then for its request."""
+_HURRY_S = 1.0
+"""Seconds after which such connections are looked for."""
 _MESSAGE_MAX = 256 * 1024
 """Bytes of a message of a page: a part of a file as a hex string."""
 _BUFFER = 128 * 1024
 """Bytes to a page that the kernel keeps."""
+
+_REJECTED = {
+    HTTPStatus.REQUEST_URI_TOO_LONG: "The address of this request is too long.",
+    HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: (
+        "The header of this request is too long. If your browser has many cookies of this machine, "
+        "remove them."
+    ),
+    HTTPStatus.INTERNAL_SERVER_ERROR: "The server has failed to answer this request.",
+    HTTPStatus.SERVICE_UNAVAILABLE: "The server ends.",
+}
 
 
 def for_this_machine(
@@ -134,18 +148,13 @@ class Server:
         silent = logging.getLogger("ecatd.web")
         silent.addHandler(logging.NullHandler())
         silent.propagate = False  # strangers must not write to the terminal
-        encryption: dict[str, Any] = {}
         if self._tls is not None:
-            self._socket.redirects = True
-            encryption = {
-                "ssl": self._tls,
-                "ssl_handshake_timeout": _OPEN_S,
-                "ssl_shutdown_timeout": 1.0,
-            }
+            self._socket.redirects = self._guard.is_our_name
+        connection: Any = self._connection
         async with serve(
             self._serve,
             sock=self._socket,
-            create_connection=_Connection,
+            create_connection=connection,
             process_request=self._answer,
             compression=None,  # costs more than the loopback interface
             open_timeout=_OPEN_S,
@@ -153,10 +162,19 @@ class Server:
             max_size=_MESSAGE_MAX,
             logger=silent,
             server_header=None,
-            **encryption,
         ):
             ready()
-            await ends.wait()
+            while not ends.is_set():
+                self._socket.hurry(time.monotonic() - _OPEN_S)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(ends.wait(), _HURRY_S)
+
+    def _connection(self, protocol: Any, *arguments: Any, **more: Any) -> Any:
+        protocol.reject = _reject
+        connection = _Connection(protocol, *arguments, **more)
+        if self._tls is None:
+            return connection
+        return EncryptedProtocol(self._tls, connection, _OPEN_S)
 
     async def _serve(self, connection: ServerConnection) -> None:
         assert isinstance(connection, _Connection)
@@ -176,6 +194,10 @@ class Server:
         """Answers a request, unless it opens the WebSocket."""
         headers = request.headers
         path, _, query = request.path.partition("?")
+        method = getattr(request, "method", "GET")  # websockets 14 answers no other
+        if method != "GET":
+            text = "" if method == "HEAD" else "This server answers GET only."
+            return _response(HTTPStatus.METHOD_NOT_ALLOWED, text, Allow="GET")
         if not self._guard.is_for_us(headers):
             return _response(HTTPStatus.MISDIRECTED_REQUEST, self._names())
         if path == "/socket":
@@ -183,6 +205,8 @@ class Server:
         if path in ("/login", "/logout") and self._guard.is_from_elsewhere(headers):
             return _response(HTTPStatus.FORBIDDEN, "Only the page of this server may do this.")
         if path == "/login":
+            # Who must wait for a turn there loses no place to others; those who wait are few.
+            self._socket.keep(connection.remote_address)
             return await self._login(headers, connection.remote_address[0])
         if path == "/logout":
             self._sessions.end(self._guard.secret(headers))
@@ -259,11 +283,17 @@ class _Connection(ServerConnection):
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
 
 
+def _reject(status: HTTPStatus, _: str) -> Response:
+    """The answer to a request that the library takes for none."""
+    return _response(status, _REJECTED.get(status, "Only pages of this server open a WebSocket."))
+
+
 def _response(
     status: HTTPStatus,
     content: str | bytes,
     kind: str = "text/plain; charset=utf-8",
     cookie: str = "",
+    **more: str,
 ) -> Response:
     body = content.encode() if isinstance(content, str) else content
     headers = Headers(
@@ -272,6 +302,7 @@ def _response(
             "Content-Type": kind,
             "Content-Length": str(len(body)),
             "Connection": "close",
+            **more,
         }
     )
     if cookie:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import secrets
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -16,7 +17,7 @@ from .hub import Hub
 
 SESSION_S = 12 * 3600
 """Seconds for which a login holds: a shift."""
-_SESSIONS_MAX = 32
+_SESSIONS_MAX, _OF_A_USER_MAX = 32, 8
 _BUSES_MAX = 8
 _ENDED = 4401
 """Why a WebSocket is closed when its session has ended."""
@@ -83,9 +84,16 @@ class Sessions:
         self._sessions: dict[bytes, Session] = {}  # in the order in which they have begun
 
     def begin(self, account: Account) -> str:
-        """Begins a session; returns its secret. Of too many, the oldest one ends."""
-        if len(self._sessions) >= _SESSIONS_MAX:
-            self._end(next(iter(self._sessions)))
+        """Begins a session; returns its secret.
+
+        Of too many of a user, the oldest one ends; of too many of all, that of the user with most.
+        """
+        counts = Counter(item.account.user for item in self._sessions.values())
+        user = account.user
+        if counts[user] >= _OF_A_USER_MAX:
+            self._end_oldest(user)
+        elif len(self._sessions) >= _SESSIONS_MAX:
+            self._end_oldest(counts.most_common(1)[0][0])
         secret = secrets.token_urlsafe(32)
         key = _digest(secret)
         self._sessions[key] = session = Session(account)
@@ -106,6 +114,9 @@ class Sessions:
     def end(self, secret: str) -> None:
         """Ends a session and closes its pages, if there is one."""
         self._end(_digest(secret))
+
+    def _end_oldest(self, user: str) -> None:
+        self._end(next(k for k, item in self._sessions.items() if item.account.user == user))
 
     def _end(self, key: bytes) -> None:
         session = self._sessions.pop(key, None)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import ssl
+import traceback
+from asyncio.sslproto import SSLProtocol
 from pathlib import Path
+from typing import Any
 
 from ecatd.base.errors import NotPermittedError, StateError
 from ecatd.base.openssl import openssl
@@ -58,3 +62,36 @@ def read_certificate(certificate: Path, key: Path) -> tuple[ssl.SSLContext, list
 
 
 _EXTENSION = "subjectAltName"
+
+
+class EncryptedProtocol(SSLProtocol):
+    """Encrypts a connection as the event loop does, and needs no memory after its end.
+
+    That of the event loop has a buffer of 256 KiB for each connection, and circles of references
+    from its failures, so that thousands of connections would wait for the garbage collection.
+
+    Args:
+        tls: What encrypts.
+        inner: Who has what was decrypted.
+        handshake_s: Seconds for the handshake.
+    """
+
+    max_size = 32 * 1024
+
+    def __init__(self, tls: ssl.SSLContext, inner: asyncio.Protocol, handshake_s: int) -> None:
+        nobody: Any = None  # waits for the handshake
+        super().__init__(
+            asyncio.get_running_loop(),
+            inner,
+            tls,
+            nobody,
+            server_side=True,
+            ssl_handshake_timeout=handshake_s,
+            ssl_shutdown_timeout=1.0,
+        )
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """See `asyncio.BaseProtocol`."""
+        super().connection_lost(exc)
+        if exc is not None:
+            traceback.clear_frames(exc.__traceback__)
