@@ -77,6 +77,14 @@ def test_the_time_of_frames_decides_whether_they_are_the_cause() -> None:
     ]
 
 
+def test_what_frames_say_again_and_again_is_counted() -> None:
+    gone = event("link", 2001, "the interface lost its link", state="down")
+    lines = reading([gone], lost=[*range(20, 2000, 20), *range(2002, 3000)])
+    assert len(lines) < 8
+    assert "1 frame did not come back (1 domain); 98 times more, up to 16:00:01.980" in lines[0]
+    assert any("the interface lost its link" in line for line in lines)
+
+
 def test_causes_that_compete_and_what_is_beside_them() -> None:
     first = event("al_state", 501, "no answer", slave=2, al_state=0, al_code=0)
     own = event("al_state", 502, "SAFEOP with error", slave=3, al_state=0x14, al_code=0x1D)

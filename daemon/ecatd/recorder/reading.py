@@ -11,9 +11,10 @@ from __future__ import annotations
 import re
 import time
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 from ecatd.etg.al import AlState
@@ -77,6 +78,8 @@ _GOOD = {
 _LEFT_OUT = frozenset({"incident"})
 _TOGETHER_NS = 1_500_000_000
 """Facts with no longer pause between them may be of one cause."""
+_REPEATS = 3
+"""How often frames may say the same before it is counted only."""
 _MOST = 60
 """Most lines."""
 _OF_SLAVE = re.compile(r"slave \d+ \((?:[^()]|\([^()]*\))*\):? ")
@@ -170,7 +173,7 @@ class _Reading:
 
     def _facts(self) -> list[_Fact]:
         found = [*_from_frames(self._incident.rows), *self._from_events(), *self._conditions()]
-        return sorted(found, key=lambda fact: fact.time_ns)
+        return [*_condensed(sorted(found, key=lambda fact: fact.time_ns))]
 
     def _conditions(self) -> Iterator[_Fact]:
         for item in self._incident.triggers:
@@ -298,6 +301,29 @@ def _from_frames(rows: Sequence[Row]) -> Iterator[_Fact]:
         if before.incomplete and not row.incomplete:
             text = "the exchanges of all domains are complete again"
             yield _Fact(row.time_ns, _WELL, text, cycle=row.number, is_good=True)
+
+
+def _condensed(facts: Iterable[_Fact]) -> Iterator[_Fact]:
+    """Says once what frames say again and again, with nothing else between."""
+    for is_of_frames, items in groupby(facts, key=lambda fact: fact.kind in _EXACT):
+        run = [*items]
+        times = Counter(fact.kind for fact in run if not fact.is_good)
+        if not is_of_frames or max(times.values(), default=0) <= _REPEATS:
+            yield from run
+            continue
+        last = {fact.kind: fact for fact in run}
+        for fact in run:
+            if fact.is_good or times.pop(fact.kind, 0) == 0:
+                continue
+            more = sum(other.kind == fact.kind for other in run) - 1
+            again = (
+                f"; {_count(more, 'time')} more, up to {_clock(last[fact.kind].time_ns)}"
+                if more
+                else ""
+            )
+            yield replace(fact, text=fact.text + again)
+        if run[-1].is_good:
+            yield run[-1]
 
 
 def _chains(facts: Iterable[_Fact]) -> list[_Chain]:
