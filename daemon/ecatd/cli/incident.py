@@ -61,14 +61,14 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         action="append",
         default=[],
         metavar="[NAME=]SIGNAL",
-        help=f"for export as {', '.join(_TABLES)}: only this value, such as '4/Channel 1/*'; NAME: "
-        "the name that it gets; repeat it for more values",
+        help=f"for export as {', '.join(_TABLES)}: only this value, such as "
+        "'4/AI Standard Channel 1/*'; NAME: the name that it gets; repeat it for more values",
     )
     command.add_argument(
         "--paths",
         action="store_true",
         help="for export as .csv: the columns of `ecatctl record`, each value under its path such "
-        "as '4/Channel 1/Value', and empty where it is missing",
+        "as '4/AI Standard Channel 1/Value', and empty where it is missing",
     )
     add_out(command, f"for export: the file; its name ends in {', '.join(_FORMATS)}", "--out")
     add_force(command)

@@ -45,8 +45,8 @@ def file_name(bus: str, time_ns: int) -> str:
 def unwritten(folder: Path, error: OSError) -> str:
     """A sentence about incidents that cannot be written, and what to do."""
     return (
-        f"ecatd cannot write incidents to {folder} (flight_recorder.folder): {error.strerror}; name "
-        "a folder that the user of ecatd can write to, or make room on its disk"
+        f"ecatd cannot write incidents to {folder} (flight_recorder.folder): {error.strerror}; "
+        "name a folder that the user of ecatd can write to, or make room on its disk"
     )
 
 
