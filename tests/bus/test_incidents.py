@@ -187,7 +187,7 @@ def test_a_condition_that_would_not_be_used_is_wrong(
         assert check(fits)[0] == 0, check(fits)
     status, said = check("4/Channel 1/Value")
     assert status == 2
-    names(said, "rec.toml:9: flight_recorder.condition[0].signal", "no entry", "`ecatctl read`")
+    names(said, "rec.toml:7: flight_recorder.condition[0].signal", "no entry", "`ecatctl read`")
     status, said = check("*/*")
     assert status == 2
     names(said, "condition[0].signal", "entries of this bus fit '*/*'", "for each value")

@@ -232,14 +232,23 @@ def _show(options: argparse.Namespace) -> None:
         if len(shown) > 1:
             print(f"{chr(10) * bool(number)}{item['file']}")
         print(item["reading"], end="")
+        if item["damage"]:
+            print(f"ecatctl: warning: {item['damage']}", file=sys.stderr)
 
 
 def _shown(path: Path, name: str) -> dict[str, Any]:
     """What `show` tells of a file."""
     found = _open(path)
-    reading = _attachment(found, "reading.txt").decode(errors="replace")
+    with _told(path):
+        damage = found.damage()
+    try:
+        reading = _attachment(found, "reading.txt").decode(errors="replace")
+    except StateError as error:
+        if not damage:
+            raise
+        reading = f"{error}\n"
     what: dict[str, Any] = {"file": name, "bus": found.bus, "reading": reading}
-    return {**what, "attachments": found.sizes, "signals": found.signals}
+    return {**what, "damage": damage, "attachments": found.sizes, "signals": found.signals}
 
 
 def _export(options: argparse.Namespace) -> None:

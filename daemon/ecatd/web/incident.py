@@ -107,7 +107,10 @@ class RecordedIncident:
             reason = facts["reason"]
         except (OSError, OverflowError, KeyError, ValueError) as error:
             raise UsageError(f"{self._file.path} is a damaged incident: {error!r}") from error
-        return seconds, f"an incident of bus '{self._file.bus}' at {moment} UTC: {reason}"
+        about = f"an incident of bus '{self._file.bus}' at {moment} UTC: {reason}"
+        if damage := self._file.damage():
+            about += f". {damage}"
+        return seconds, about
 
     def _attachment(self, name: str) -> bytes:
         if self._file.sizes.get(name, 0) > _MOST:
