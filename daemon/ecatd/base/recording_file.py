@@ -133,8 +133,8 @@ def recorded_rows(path: Path, tell: Callable[[str], object]) -> Iterator[Sequenc
         what = "it is not text in CSV" if read is _csv else f"{error!r}"
         if read is _parquet:
             what += (
-                ". A Parquet file whose writer was killed has no end, so nothing in it can be read; "
-                "MCAP and CSV can be"
+                ". A Parquet file whose writer was killed has no end, so nothing in it can be "
+                "read; MCAP and CSV can be"
             )
         raise ConfigError(f"{path}: this is not a recording: {what}") from error
 

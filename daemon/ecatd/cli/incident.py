@@ -15,6 +15,7 @@ from ecatd.base.errors import NoAnswerError, StateError, UsageError
 from ecatd.base.timeouts import Timeout
 from ecatd.operations.incident_files import SUFFIX, describe
 from ecatd.operations.incidents import (
+    NO_RECORDER,
     DeleteIncident,
     ListIncidents,
     ReadIncident,
@@ -157,7 +158,7 @@ def _list(remote: Remote, options: argparse.Namespace) -> None:
         print_json({"bus": remote.bus, **found})
         return
     if not found["folder"]:
-        print("ecatd records no incidents: flight_recorder.folder of its configuration is empty")
+        print(NO_RECORDER)
         return
     if not found["incidents"]:
         print(f"no incidents in {found['folder']}")
@@ -166,9 +167,12 @@ def _list(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _find(remote: Remote, options: argparse.Namespace) -> Incident:
-    found = remote.request(ListIncidents())["incidents"]
     if not options.name:
         raise UsageError(f"incident {options.action} needs NAME: see `ecatctl incident list`")
+    answer = remote.request(ListIncidents())
+    if not answer["folder"]:
+        raise StateError(NO_RECORDER)
+    found = answer["incidents"]
     for item in found[-1:] if options.name == "last" else found:
         if options.name in ("last", item["name"]):
             return item

@@ -13,6 +13,7 @@ from ecatd.operations.events import new_event
 from ecatd.operations.handlers import handles
 from ecatd.operations.incident_files import check_folder, find, incidents, unwritten
 from ecatd.operations.incidents import (
+    NO_RECORDER,
     DeleteIncident,
     IncidentList,
     IncidentRequested,
@@ -47,10 +48,7 @@ class Incidents:
 
     def _checked(self) -> Path:
         if not self._folder:
-            raise StateError(
-                "ecatd records no incidents, because flight_recorder.folder of the configuration "
-                'is empty: write a folder there, such as "/var/lib/ecatd/ecat0"'
-            )
+            raise StateError(NO_RECORDER)
         return Path(self._folder)
 
     def _file(self, name: str) -> Path:
