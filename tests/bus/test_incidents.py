@@ -157,7 +157,15 @@ def look_in_the_browser(
         page.of_type("end")
     damaged = path.with_name("damaged.mcap")
     whole = path.read_bytes()
-    for size in (0, 7, 100, len(whole) // 2, len(whole) - 1):
+    damaged.write_bytes(whole[: len(whole) // 2])
+    try:
+        told = FileSource(damaged)._contents.about
+    except EcatError as error:  # no chunk is whole
+        told = str(error)
+    names(told, "damaged.mcap ends in the middle")
+    damaged.write_bytes(whole[:-1])
+    assert FileSource(damaged)._contents.about == FileSource(path)._contents.about
+    for size in (0, 7, 100):
         damaged.write_bytes(whole[:size])
         with pytest.raises(EcatError, match=r"damaged\.mcap"):
             FileSource(damaged)
@@ -190,10 +198,15 @@ def test_a_condition_that_would_not_be_used_is_wrong(
     names(said, "rec.toml:7: flight_recorder.condition[0].signal", "no entry", "`ecatctl read`")
     status, said = check("*/*")
     assert status == 2
-    names(said, "condition[0].signal", "entries of this bus fit '*/*'", "for each value")
+    names(
+        said,
+        "flight_recorder.condition[0].signal",
+        "entries of this bus fit '*/*'",
+        "for each value",
+    )
     status, said = check("4/0x6000:11", "")
     assert status == 2
-    names(said, "condition[0].signal", "flight_recorder.folder is empty")
+    names(said, "flight_recorder.condition[0].signal", "flight_recorder.folder is empty")
 
 
 def test_conditions_lapses_and_the_end_of_the_recorder(
