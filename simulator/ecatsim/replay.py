@@ -5,12 +5,13 @@ from __future__ import annotations
 import bisect
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import ConfigError, UsageError
 from ecatd.base.incident_file import CYCLE, IncidentFile
+from ecatd.base.mcap_file import DamagedError
 from ecatd.base.recording_file import UTC, Place, recorded_rows
 from ecatd.etg.datatypes import is_real, value_range
 from ecatd.etg.pdo import Entry
@@ -61,6 +62,7 @@ class Replay:
         repeat: Whether to start again after the last row.
 
     Attributes:
+        damage: What of the file could not be read; empty if it is whole.
         left_out: The columns that are no inputs of the rig, such as outputs, which a master writes.
 
     Raises:
@@ -71,6 +73,7 @@ class Replay:
 
     def __init__(self, path: Path, rig: Rig, *, repeat: bool = False) -> None:
         self.left_out: list[str] = []
+        self.damage = ""
         self._repeat = repeat
         self._times: list[float] = []
         self._began: float | None = None
@@ -82,7 +85,7 @@ class Replay:
 
     def _read(self, path: Path, rig: Rig) -> Iterator[tuple[int, _Track]]:
         try:
-            rows = _rows(path)
+            rows = _rows(path, self._tell)
             tracks = [*self._tracks(path, next(rows, []), rig)]
             for number, row in enumerate(rows, 2):
                 self._add(path, number, row, [track for _, track in tracks])
@@ -91,6 +94,9 @@ class Replay:
         if not self._times:
             raise ConfigError(f"{path}: there are no values in it")
         return iter(tracks)
+
+    def _tell(self, damage: str) -> None:
+        self.damage = damage
 
     def _tracks(self, path: Path, head: Sequence[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
         if [*head[:_FIRST]] != ["time_s", "cycle"]:
@@ -163,7 +169,7 @@ class Replay:
         return max(0, bisect.bisect_right(self._times, at) - 1)
 
 
-def _rows(path: Path) -> Iterator[Sequence[Any]]:
+def _rows(path: Path, tell: Callable[[str], None]) -> Iterator[Sequence[Any]]:
     """Yields the head and then the rows of a recording or an incident."""
     if path.suffix.lower() == ".mcap":
         try:
@@ -173,10 +179,12 @@ def _rows(path: Path) -> Iterator[Sequence[Any]]:
         else:
             try:
                 yield from _incident(incident)
+            except DamagedError as error:
+                tell(str(error))
             except ValueError as error:
                 raise ConfigError(str(error)) from error
             return
-    yield from recorded_rows(path)
+    yield from recorded_rows(path, tell)
 
 
 def _incident(incident: IncidentFile) -> Iterator[Sequence[Any]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, wait_for
+from conftest import Daemon, names, one_line_error, wait_for
 from ecatd.operations.incident_files import incidents
 from ecatsim.control import Simulator
 
@@ -49,7 +49,7 @@ def test_the_disk_is_full_and_faults_do_not_end(daemon: Daemon, folder: Path) ->
     (folder.parent / "full").write_bytes(bytes(90 << 10))
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         simulator.faults.drop(count=2)
-        wait_for(lambda: "an incident cannot be written" in daemon.log, daemon)
+        wait_for(lambda: "cannot write incidents" in daemon.log, daemon)
         names(daemon.log, str(folder), "No space left on device", "make room on its disk")
         assert [*folder.iterdir()] == []
         before = cycles()
@@ -79,6 +79,22 @@ def test_the_disk_is_full_and_faults_do_not_end(daemon: Daemon, folder: Path) ->
     names(daemon.log, "flight_recorder.disk_mb = 1", old[0].name)
     assert [path.exists() for path in (*old, folder / "mine.mcap")] == [False, True, True]
     assert (folder / asked["name"]).exists()
+
+
+def test_a_folder_that_cannot_be_written_is_told_at_once(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("line:1", config=SETTINGS.format(folder="/proc/none"))
+    for _ in range(3):
+        asked = daemon.ctl("incident", "record", check=False)
+        assert asked.returncode == 7
+        names(one_line_error(asked.stderr, "ecatctl"), "/proc/none", "flight_recorder.folder")
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.al_error(0, code=0x001B)
+        wait_for(lambda: daemon.ctl_json("events", "--kind", "recovery")["events"], daemon)
+        before = daemon.ctl_json("stats")["cycles"]
+        wait_for(lambda: daemon.ctl_json("stats")["cycles"] > before + 500, daemon)
+    assert daemon.log.count("cannot write incidents") == 1
 
 
 def test_the_package_that_writes_files_is_not_installed(

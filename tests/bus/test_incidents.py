@@ -157,7 +157,15 @@ def look_in_the_browser(
         page.of_type("end")
     damaged = path.with_name("damaged.mcap")
     whole = path.read_bytes()
-    for size in (0, 7, 100, len(whole) // 2, len(whole) - 1):
+    damaged.write_bytes(whole[: len(whole) // 2])
+    try:
+        told = FileSource(damaged)._contents.about
+    except EcatError as error:  # no chunk is whole
+        told = str(error)
+    names(told, "damaged.mcap ends in the middle")
+    damaged.write_bytes(whole[:-1])
+    assert FileSource(damaged)._contents.about == FileSource(path)._contents.about
+    for size in (0, 7, 100):
         damaged.write_bytes(whole[:size])
         with pytest.raises(EcatError, match=r"damaged\.mcap"):
             FileSource(damaged)
@@ -169,6 +177,36 @@ def look_in_the_browser(
         )
         with suppress(EcatError):
             FileSource(damaged)
+
+
+def test_a_condition_that_would_not_be_used_is_wrong(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    daemon = start_daemon("troll")
+    file = tmp_path / "rec.toml"
+
+    def check(signal: str, folder: Path | str = tmp_path) -> tuple[int, str]:
+        more = f'[[flight_recorder.condition]]\nsignal = "{signal}"\nabove = 1\n'
+        file.write_text(SETTINGS.format(folder=folder, more=more))
+        done = daemon.ctl("config", "check", str(file), check=False)
+        return done.returncode, done.stdout
+
+    for fits in ("4/AI Standard Channel 1/Value", "4/0x6000:11"):
+        assert check(fits)[0] == 0, check(fits)
+    status, said = check("4/Channel 1/Value")
+    assert status == 2
+    names(said, "rec.toml:7: flight_recorder.condition[0].signal", "no entry", "`ecatctl read`")
+    status, said = check("*/*")
+    assert status == 2
+    names(
+        said,
+        "flight_recorder.condition[0].signal",
+        "entries of this bus fit '*/*'",
+        "for each value",
+    )
+    status, said = check("4/0x6000:11", "")
+    assert status == 2
+    names(said, "flight_recorder.condition[0].signal", "flight_recorder.folder is empty")
 
 
 def test_conditions_lapses_and_the_end_of_the_recorder(
@@ -186,6 +224,12 @@ below = 0
 """
     daemon = start_daemon("line:1", config=SETTINGS.format(folder=tmp_path / "x", more=more))
     wait_for(lambda: "flight_recorder.condition[1].signal" in daemon.log, daemon)
+    looked = json.loads(daemon.ctl("check", "--json", check=False).stdout)
+    told = [text for text in looked["problems"] if "condition" in text]
+    assert len(told) == 1
+    assert looked["status"] != "well"
+    for text in (*told, *daemon.ctl_json("info")["unused_conditions"]):
+        names(text, "flight_recorder.condition[1].signal", "'0/nosuch'", "not used", "ecatctl read")
     half = tmp_path / "x" / f"{daemon.bus}-20260101T000000.000000Z.part"
     half.touch()
     os.kill(daemon.child_pid("ecatd.recorder"), signal.SIGKILL)

@@ -174,6 +174,34 @@ def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:
     assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:-1] if cell)
 
 
+def test_a_recording_goes_through_a_pipe(bus: Daemon) -> None:
+    options = ("4/*Value", "--every", "2", "--for", "0.5")
+    found = bus.ctl("record", "-o", "/dev/stdout", *options)
+    head, *rows = csv.reader(found.stdout.splitlines())
+    assert (head[:2], head[-1]) == (["time_s", "cycle"], "utc")
+    names(found.stderr, f"/dev/stdout: {len(rows)} cycles", "8 values")
+    full = bus.ctl("record", "-o", "/dev/full", *options, check=False)
+    assert full.returncode == 7
+    names(one_line_error(full.stderr, "ecatctl"), "/dev/full", "No space left on device")
+    dash = bus.ctl("record", "-o", "-", *options, check=False)
+    assert dash.returncode == 2
+    names(one_line_error(dash.stderr, "ecatctl"), "/dev/stdout")
+
+
+def test_a_file_that_would_be_lost_is_kept(bus: Daemon, tmp_path: Path) -> None:
+    there, link = tmp_path / "there.csv", tmp_path / "link.csv"
+    there.write_text("mine")
+    link.symlink_to("nosuch.csv")
+    for path, why in ((there, "it exists already"), (link, "it is a link to nosuch.csv")):
+        found = bus.ctl("record", "-o", str(path), "--for", "0.1", check=False)
+        assert found.returncode == 7
+        names(one_line_error(found.stderr, "ecatctl"), str(path), why, "--force")
+    assert there.read_text() == "mine"
+    none = bus.ctl("incident", "show", "last", check=False)
+    assert none.returncode == 7
+    names(one_line_error(none.stderr, "ecatctl"), "flight_recorder.folder")
+
+
 def test_recordings_in_other_formats_have_the_same_values(bus: Daemon, tmp_path: Path) -> None:
     from mcap.reader import make_reader
     from pyarrow import parquet

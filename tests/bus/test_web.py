@@ -337,6 +337,16 @@ def test_a_recording_is_shown_without_a_daemon(troll: Daemon, tmp_path: Path) ->
         assert page.ask("ro/info")["failure"]["name"] == "state"
 
 
+def test_programs_get_the_address_in_json(troll: Daemon) -> None:
+    command = [sys.executable, "-m", "ecatd.cli", "web", "--json", "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, env=troll.env, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        told = json.loads(process.stdout.readline())
+        process.terminate()
+    assert told["address"].startswith("http://127.0.0.1:")
+    assert "/#token=" in told["address"]
+
+
 def test_what_cannot_start_says_why(troll: Daemon, web: Web, tmp_path: Path) -> None:
     taken = troll.ctl("web", "--no-browser", "--port", web.host.rpartition(":")[2], check=False)
     assert taken.returncode == 7

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
 import pty
+import select
+import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -109,6 +114,76 @@ def test_top_without_textual_says_how_to_get_it(troll: Daemon) -> None:
         os.close(slave)
     assert found.returncode == 7
     names(" ".join(said.split()), "pip install 'ecatd[tui]'")
+
+
+@pytest.mark.bus
+@pytest.mark.parametrize("kind", ["", "dumb"])
+def test_a_terminal_that_top_cannot_draw_on_is_refused(troll: Daemon, kind: str) -> None:
+    status, said = _on_terminal(troll, {"TERM": kind}, lambda _master, _pid: None)
+    assert status == 2
+    names(" ".join(said.decode().split()), f"TERM is '{kind}'", "TERM=xterm-256color ecatctl top")
+
+
+@pytest.mark.bus
+def test_bytes_that_are_no_text_do_not_end_top(troll: Daemon) -> None:
+    def act(master: int, _pid: int) -> None:
+        os.write(master, b"\xe4\xff\xc3")
+        os.write(master, b"\x80q")
+
+    status, said = _on_terminal(troll, {}, act)
+    assert (status, b"Error" in said) == (0, False)
+    _is_restored(said)
+
+
+@pytest.mark.bus
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM])
+def test_a_signal_ends_top_and_restores_the_terminal(troll: Daemon, number: int) -> None:
+    status, said = _on_terminal(troll, {}, lambda _master, pid: os.kill(pid, number))
+    assert status == 128 + number
+    _is_restored(said)
+
+
+@pytest.mark.bus
+def test_a_defect_of_top_is_one_line_and_an_exit_status(troll: Daemon) -> None:
+    broken = "from ecatd.cli.terminal_view.app import Top; Top.action_help = lambda self: 1 // 0; "
+    status, said = _on_terminal(troll, {}, lambda master, _pid: os.write(master, b"?"), broken)
+    assert status == 70
+    _is_restored(said)
+    (line,) = said.decode().rpartition("\x1b[?1006l")[2].split("\r\n")[:-1]
+    names(line, "ecatctl: defect in top: ZeroDivisionError")
+
+
+def _is_restored(said: bytes) -> None:
+    for mode in (b"?1049", b"?1000", b"?1003", b"?2004"):  # screen, mouse, pastes
+        assert said.rfind(mode + b"l") > said.rfind(mode + b"h") > 0, mode
+    assert said.rfind(b"?25h") > said.rfind(b"?25l") > 0  # the cursor
+
+
+def _on_terminal(
+    daemon: Daemon, env: dict[str, str], act: Callable[[int, int], object], before: str = ""
+) -> tuple[int, bytes]:
+    """Runs top on a terminal; acts as soon as the slaves are there. Returns status and output."""
+    code = f"import sys; {before}from ecatd.commands import ecatctl; sys.exit(ecatctl())"
+    pid, master = pty.fork()
+    if not pid:
+        os.environ.update(daemon.env | {"TERM": "xterm-256color"} | env)
+        os.execv(sys.executable, [sys.executable, "-c", code, "top"])
+    said, has_acted, deadline = b"", False, time.monotonic() + SECONDS
+    fcntl.ioctl(master, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    while time.monotonic() < deadline:
+        if not select.select([master], [], [], 1.0)[0]:
+            continue
+        try:
+            said += os.read(master, 65536)
+        except OSError:  # nobody has the terminal any more
+            break
+        if not has_acted and b"EL1018" in said:
+            has_acted = True
+            act(master, pid)
+    else:
+        os.kill(pid, signal.SIGKILL)
+    os.close(master)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), said
 
 
 @pytest.mark.bus

@@ -111,7 +111,7 @@ def test_losses_of_the_link(line: Line) -> None:
     line.count(0, 1, 3, 3, 0, 1)
     line.look(silent=(1, 2, 3))
     assert line.verdicts() == [GOOD, BAD, UNKNOWN, UNKNOWN]
-    names(line.text(1), "no link now", "slave 1 (S1) does not answer", "power")
+    names(line.text(1), "there is no link", "slave 1 (S1) does not answer", "power")
     assert line.cables.changes(line.now) == []  # events about the slaves tell it
     line.count(1, 0, 0, 0, 0, 1)  # the other end has counted the same one
     for _ in range(3):

@@ -1,105 +1,139 @@
-"""Recordings and incidents that are none, are cut short or damaged, or are no files."""
+"""What is whole in a damaged recording or incident is read, and the damage is told."""
 
-import json
+from __future__ import annotations
+
+import io
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from conftest import names
-from ecatd.base.errors import ConfigError, UsageError
-from ecatd.base.incident_file import FIELDS, SIGNALS, IncidentFile
-from ecatd.base.recording_file import SCHEMA, recorded_rows
-from ecatd.operations.incident_files import read_head
+from ecatd.base.incident_file import IncidentFile
+from ecatd.base.mcap_file import DamagedError
+from ecatd.base.recording_file import RecordingFile, recorded_rows
+from ecatd.cli.incident import incident
+from ecatd.cli.main import make_parser
+from ecatd.cli.recordings import Column, open_recording
+from ecatd.operations.traces import TraceSignal
+from ecatd.recorder.incident import Incident, Row, Trigger, write
 from ecatd.web.file_source import FileSource
+from ecatd.web.incident import RecordedIncident
 
-writer = pytest.importorskip("mcap.writer", reason="needs the package mcap")
-RAW = ("Exceeded", "Invalid", "Error", "(b'", "unpack", "opcode")
-"""What no user should have to read."""
+pytest.importorskip("mcap")
+
+WRITER = """
+import os, pathlib, random, sys
+from ecatd.cli.recordings import Column, open_recording
+file = open(sys.argv[1], "wb", buffering=0)
+columns = [Column(f"4/Value {n} (0x6000:{n:02X})", "V", "float64") for n in range(1, 30)]
+recording = open_recording(".mcap", file, "ecat0", columns)
+for cycle in range(6000):
+    recording.add(cycle / 1000, cycle, [random.random() for _ in columns], 10**18 + cycle * 10**6)
+os.kill(os.getpid(), 9)
+"""
 
 
-def recording(path: Path, data: bytes = b'{"cycle": 1, "values": {"0/a (0x6000:01)": 1}}') -> Path:
-    with path.open("wb") as file:
-        made = writer.Writer(file)
-        made.start()
-        schema = made.register_schema(SCHEMA, "jsonschema", b"{}")
-        channel = made.register_channel("cycle", "json", schema)
-        for number in range(1000):
-            made.add_message(channel, number * 1_000_000, data, number * 1_000_000)
-        made.finish()
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording whose writer was killed."""
+    path = tmp_path_factory.mktemp("killed") / "k.mcap"
+    done = subprocess.run([sys.executable, "-c", WRITER, str(path)], check=False)
+    assert done.returncode == -signal.SIGKILL
     return path
 
 
-def incident(path: Path, data: bytes) -> Path:
-    signal = {"name": "0/a", "address": "0x6000:01", "type": "uint64", "unit": "", "slave": 0}
-    signal |= {"field": "cycle", "raw": "cycle", "scale": 1.0, "offset": 0.0, "output": False}
-    with path.open("wb") as file:
-        made = writer.Writer(file)
-        made.start()
-        facts = {SIGNALS: json.dumps([signal]), FIELDS: json.dumps([["cycle", "uint64"]])}
-        channel = made.register_channel("ecatd/ecat0/cycles", "protobuf", 0, facts)
-        made.add_message(channel, 1, data, 1)
-        made.finish()
-    return path
+def _cycles(path: Path) -> tuple[list[int], str]:
+    found: list[int] = []
+    try:
+        for _, cycle, _ in RecordingFile(path).cycles():
+            found.append(cycle)
+    except DamagedError as error:
+        return found, str(error)
+    return found, ""
 
 
-def refusals(path: Path) -> list[str]:
-    """What is said of a file, by those who show and those who convert it."""
-    with pytest.raises((ConfigError, OSError)) as converted:
-        list(recorded_rows(path))
-    found = [str(converted.value)]
-    if path.suffix == ".mcap":
-        with pytest.raises(UsageError) as shown:
-            FileSource(path)
-        found.append(str(shown.value))
-    return found
+def test_a_recording_whose_writer_was_killed_is_read(killed: Path) -> None:
+    found, said = _cycles(killed)
+    assert len(found) > 1000
+    assert found == [*range(len(found))]
+    names(said, "ends in the middle", f"{len(found)} cycles", "2001-09-09")
+    told: list[str] = []
+    rows = [*recorded_rows(killed, told.append)]
+    assert (len(rows), told) == (len(found) + 1, [said])
+    source = FileSource(killed)
+    names(source._contents.about, "ends in the middle")
+    parts = source._parts([signal["name"] for signal in source._contents.signals])
+    shown = 0
+    with pytest.raises(Exception, match="ends in the middle"):
+        for part in parts:
+            shown += len(part.numbers)
+    assert shown == len(found)
 
 
-def test_what_is_wrong_with_a_recording_is_told_in_words(tmp_path: Path) -> None:
-    whole = recording(tmp_path / "run.mcap").read_bytes()
-    assert len(list(recorded_rows(tmp_path / "run.mcap"))) == 1001
-    FileSource(tmp_path / "run.mcap")
-    middle = len(whole) // 4
-    for content, *why in (
-        (b"no recording", "is no MCAP file", "ecatctl record"),
-        (b"", "is no MCAP file"),
-        (whole[: len(whole) // 2], "its end is missing", str(len(whole) // 2), "copy it again"),
-        (whole[:8], "its end is missing"),
-        (whole[:8] + b"\xff" * middle + whole[8 + middle :], "is damaged", "copy it again"),
-        (whole[:-60] + b"\xff" * 52 + whole[-8:], "is damaged", "copy it again"),
-    ):
-        path = tmp_path / "wrong.mcap"
-        path.write_bytes(content)
-        for text in refusals(path):
-            names(text, "wrong.mcap", *why)
-            assert not [raw for raw in RAW if raw in text], text
-    for data in (b"no JSON", b"{}", b"[]"):
-        for text in refusals(recording(tmp_path / "content.mcap", data)):
-            names(text, "content.mcap", "is damaged", "at byte")
-            assert not [raw for raw in RAW if raw in text], text
+def test_flipped_bytes_cost_their_chunk_only(tmp_path: Path) -> None:
+    path = tmp_path / "r.mcap"
+    columns = [Column(f"4/Value {n} (0x6000:{n:02X})", "V", "float64") for n in range(1, 30)]
+    with io.FileIO(path, "w") as file:
+        recording = open_recording(".mcap", file, "ecat0", columns)
+        for cycle in range(6000):
+            cells = [int.from_bytes(os.urandom(4), "little") / 7 for _ in columns]
+            recording.add(cycle / 1000, cycle, cells, 10**18 + cycle * 10**6)
+        recording.end()
+    whole, said = _cycles(path)
+    assert (len(whole), said) == (6000, "")
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    found, said = _cycles(path)
+    assert 1000 < len(found) < 6000
+    assert found[0] == 0
+    assert found[-1] == 5999
+    names(said, "is damaged at byte", f"{len(found)} cycles")
 
 
-@pytest.mark.parametrize(("data", "why"), [(b"\x09", "too short"), (b"\x09" + bytes(9), "long")])
-def test_a_damaged_cycle_of_an_incident_is_told_in_words(
-    tmp_path: Path, data: bytes, why: str
+def test_a_damaged_incident_is_shown_with_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = IncidentFile(incident(tmp_path / "incident.mcap", data))
-    with pytest.raises(ValueError, match="is damaged at byte") as told:
-        list(found.cycles())
-    names(str(told.value), "a cycle", why)
+    path = tmp_path / "i.mcap"
+    rows = [Row(n, 10**18 + n * 10**6, 80.0, 0, [n / 7]) for n in range(60000)]
+    signal = TraceSignal(
+        name="4/Value", slave=4, address="0x6000:11", output=False, type="float64",
+        unit="V", scale=1.0, offset=0.0,
+    )  # fmt: skip
+    trigger = Trigger("request", 10**18, "somebody has asked")
+    found = Incident("ecat0", [trigger], [signal], rows, [], [], ["eth0"], [], 0, "All is lost.\n")
+    write(path, found)
+    whole = path.read_bytes()
+    data = bytearray(whole)
+    data[IncidentFile(path)._file._chunks[0] + 400] ^= 0xFF
+    path.write_bytes(data)
+    damage = IncidentFile(path).damage()
+    names(damage, "is damaged at byte")
+    incident(make_parser().parse_args(["incident", "show", str(path)]))
+    said = capsys.readouterr()
+    assert said.out == "All is lost.\n"
+    assert said.err == f"ecatctl: warning: {damage}\n"
+    names(RecordedIncident(IncidentFile(path)).about, damage)
+    out = tmp_path / "i.csv"
+    incident(make_parser().parse_args(["incident", "export", str(path), "-o", str(out)]))
+    assert f"ecatctl: warning: {damage}\n" in capsys.readouterr().err
+    assert 1000 < len(out.read_text().splitlines()) < 60000
+    # Half of a copy: the reading, which stands at the end, is missing.
+    path.write_bytes(whole[: len(whole) // 2])
+    incident(make_parser().parse_args(["incident", "show", str(path)]))
+    said = capsys.readouterr()
+    names(said.out, "has no reading.txt")
+    names(said.err, "ends in the middle")
 
 
-@pytest.mark.parametrize("name", ["pipe.mcap", "pipe.csv", "pipe.parquet"])
-def test_a_pipe_or_a_folder_is_no_recording(tmp_path: Path, name: str) -> None:
-    if name.endswith("parquet"):
-        pytest.importorskip("pyarrow", reason="needs the package pyarrow")
-    path = tmp_path / name
-    os.mkfifo(path)
-    for text in refusals(path):
-        names(text, "not a regular file")
-    with pytest.raises(OSError, match="not a regular file"):
-        read_head(path)
-    path.unlink()
-    path.mkdir()
-    for text in refusals(path):
-        names(text, "folder")
+def test_what_is_no_file_of_this_kind_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    for data in (b"", b"time_s,cycle\n", bytes(5000)):
+        path.write_bytes(data)
+        for kind in (RecordingFile, IncidentFile):
+            with pytest.raises(ValueError, match="no MCAP file"):
+                kind(path)

@@ -78,7 +78,7 @@ def test_what_cannot_be_made_again_needs_force(tmp_path: Path) -> None:
         lambda: check_target(file, force=False),
         lambda: save_bytes(file, b"two", force=False),
     ):
-        with pytest.raises(UsageError) as refused:
+        with pytest.raises(StateError) as refused:
             again()
         names(refused.value, str(file), "exists", "--force")
     with pytest.raises(FileExistsError):

@@ -68,6 +68,9 @@ def check_new(path: Path, *, force: bool) -> None:
     check_owners(path)
     if path.is_file() and not force and not _is_stream(path):
         raise FileExistsError(errno.EEXIST, "it exists already; --force replaces it", str(path))
+    if path.is_symlink() and not path.exists() and not force and not _is_stream(path):
+        text = f"it is a link to {path.readlink()}, which does not exist; --force makes that file"
+        raise FileExistsError(errno.EEXIST, text, str(path))
 
 
 def open_new(path: Path, *, force: bool) -> int:

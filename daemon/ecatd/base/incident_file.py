@@ -6,15 +6,14 @@ with this module.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Mapping
-from importlib import import_module
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from .cycle_messages import CycleMessages, MessageField, Value
-from .mcap_file import reading_mcap
+from .mcap_file import McapFile, in_words
 
 SIGNALS, FIELDS = "signals", "fields"
 """Keys of the metadata of the channel with the cycles, in JSON: entries, and fields of messages."""
@@ -52,23 +51,30 @@ class IncidentFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._make_reader = import_module("mcap.reader").make_reader
-        with reading_mcap(path) as file:
-            summary = self._make_reader(file).get_summary()
-            channels = [*summary.channels.values()] if summary else []
+        self._file = McapFile(path)
+        channels = self._file.channels.values()
         found = next((item for item in channels if SIGNALS in item.metadata), None)
         if found is None:
             raise NoIncidentError(f"{path} is no incident of ecatd")
         self._topic = found.topic
-        self._attachments = {item.name: item for item in summary.attachment_indexes}
-        self.sizes: dict[str, int] = {n: it.data_size for n, it in self._attachments.items()}
-        with reading_mcap(path):
+        self.sizes = self._file.sizes
+        with self._damage():
             self.bus: str = found.topic.split("/")[1]
             self.signals: list[dict[str, Any]] = json.loads(found.metadata[SIGNALS])
             fields = [MessageField(name, kind) for name, kind in json.loads(found.metadata[FIELDS])]
             self._messages = CycleMessages(fields)
             self._names = [field.name for field in fields]
             self._check(dict(fields))
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            raise
+        except Exception as error:  # the library raises many kinds of errors
+            text = f"{self.path} is damaged{in_words(error)}; copy it again"
+            raise ValueError(text) from error
 
     def _check(self, types: Mapping[str, str]) -> None:
         if types[CYCLE] != "uint64":
@@ -92,31 +98,26 @@ class IncidentFile:
             OSError: The file cannot be read.
             ValueError: There is none of this name, or it is damaged.
         """
-        found = self._attachments.get(name)
-        if found is None:
-            raise ValueError(f"{self.path} has no {name}")
-        records = import_module("mcap.records")
-        stream = import_module("mcap.data_stream").ReadDataStream
-        with reading_mcap(self.path) as file:
-            file.seek(found.offset + _RECORD_HEAD)
-            data = file.read(min(found.length, self.size))
-            content: bytes = records.Attachment.read(stream(io.BytesIO(data))).data
-            return content
+        return self._file.attachment(name)
 
     def cycles(self) -> Iterator[tuple[int, Mapping[str, Value | None]]]:
         """Yields for each cycle Unix time in ns, and values by the names of their fields.
 
         Raises:
             OSError: The file cannot be read.
-            ValueError: It is damaged.
+            ValueError: It is damaged; `DamagedError` behind all cycles that can be read.
         """
-        with reading_mcap(self.path) as file:
-            # In the order of the file, which is that of time: a part of it is in memory at a time.
-            found = self._make_reader(file).iter_messages([self._topic], log_time_order=False)
-            for _, _, message in found:
+        for message in self._file.messages(lambda channel, _: channel.topic == self._topic):
+            with self._damage():
                 values = self._messages.unpack(message.data)
-                yield message.log_time, dict(zip(self._names, values, strict=True))
+                found = dict(zip(self._names, values, strict=True))
+            yield message.log_time, found
 
-
-_RECORD_HEAD = 9
-"""Bytes of a record of MCAP before its content: its kind, and its length."""
+    def damage(self) -> str:
+        """What is damaged of the cycles, and how many can be read; empty if they are whole."""
+        try:
+            for _ in self.cycles():
+                pass
+        except ValueError as error:
+            return str(error)
+        return ""

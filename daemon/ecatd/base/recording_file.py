@@ -10,7 +10,7 @@ import io
 import json
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC as _ZONE
 from datetime import datetime
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from .addresses import parse_address
 from .errors import ConfigError, EcatError, StateError
 from .files import open_regular
-from .mcap_file import reading_mcap
+from .mcap_file import DamagedError, McapFile, in_words
 
 TIME, NUMBER, UTC = "time_s", "cycle", "utc"
 """The first two columns, and the last one: when the values came, by the clock of the PC."""
@@ -54,31 +54,35 @@ class RecordingFile:
         path: The file.
 
     Raises:
+        OSError: The file cannot be read.
+        ValueError: It is no MCAP file.
         ImportError: The package `mcap` is missing.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._make_reader: Any = import_module("mcap.reader").make_reader
+        self._file = McapFile(path)
+        self.is_cut = self._file.is_cut  #: Whether its end is missing.
 
     def cycles(self) -> Iterator[tuple[int, int, Mapping[str, Any]]]:
         """Unix time in ns, number of the cycle, and values by column; None for a missing one.
 
         Raises:
             OSError: The file cannot be read.
-            ValueError: It is no MCAP file, is damaged, or holds something else.
+            ValueError: It holds something else; `DamagedError` behind all that can be read.
         """
-        with reading_mcap(self._path) as file:
-            for schema, _, message in self._make_reader(file).iter_messages():
-                if schema is not None and schema.name == SCHEMA:
-                    content = json.loads(message.data)
-                    yield message.log_time, content["cycle"], dict(content["values"])
+        for message in self._file.messages(lambda _, schema: schema and schema.name == SCHEMA):
+            try:
+                content = json.loads(message.data)
+                found = message.log_time, content["cycle"], dict(content["values"])
+            except (LookupError, RecursionError, TypeError, ValueError) as error:
+                raise ValueError(f"its messages are no values{in_words(error)}") from error
+            yield found
 
     def units(self) -> dict[str, str]:
         """The units by column, from the schema of the file; they may be missing."""
         found: dict[str, str] = {}
-        with suppress(Exception), reading_mcap(self._path) as file:
-            for schema in self._make_reader(file).get_summary().schemas.values():
+        for schema in self._file.schemas.values():
+            with suppress(AttributeError, LookupError, TypeError, ValueError):
                 if schema.name == SCHEMA:
                     values = json.loads(schema.data)["properties"]["values"]["properties"]
                     found |= {name: str(it.get("description", "")) for name, it in values.items()}
@@ -101,10 +105,14 @@ def column_title(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def recorded_rows(path: Path) -> Iterator[Sequence[Any]]:
+def recorded_rows(path: Path, tell: Callable[[str], object]) -> Iterator[Sequence[Any]]:
     """Yields the head and then the rows of a recording, as its CSV file has them.
 
     A cell of a value is a text, a number, or empty: `""` or None.
+
+    Args:
+        path: The file.
+        tell: Called behind all rows that could be read, if there were more in the file.
 
     Raises:
         OSError: The file cannot be read.
@@ -112,14 +120,20 @@ def recorded_rows(path: Path) -> Iterator[Sequence[Any]]:
         StateError: The library for files of this kind is missing.
     """
     read = {".mcap": _mcap, ".parquet": _parquet}.get(path.suffix.lower(), _csv)
+    has_rows = False
     try:
-        yield from read(path)
+        for row in read(path):
+            yield row
+            has_rows = True
     except (OSError, EcatError):
         raise
+    except DamagedError as error:
+        if not has_rows:
+            raise ConfigError(str(error)) from error
+        tell(str(error))
     except Exception as error:  # the libraries raise many kinds of errors
-        what = _WRONG.get(read)
-        text = f"{path}: this is not a recording: {what}" if what else str(error)
-        raise ConfigError(text) from error
+        what = _WRONG.get(read, "it is damaged") + in_words(error) * (read is _mcap)
+        raise ConfigError(f"{path}: this is not a recording: {what}") from error
 
 
 def _csv(path: Path) -> Iterator[Sequence[str]]:
@@ -154,7 +168,10 @@ def _parquet(path: Path) -> Iterator[Sequence[Any]]:
 
 _WRONG: Mapping[Any, str] = {
     _csv: "it is not text in CSV",
-    _parquet: "it is no Parquet file, or is damaged; copy it again",
+    _parquet: (
+        "it is no Parquet file, is damaged, or its writer was killed: then nothing in it can be "
+        "read, while MCAP and CSV can be"
+    ),
 }
 
 

@@ -16,7 +16,13 @@ from ecatd.config.expected_slave import DifferenceKind
 from ecatd.config.placed import Placed
 from ecatd.config.problems import Collected
 from ecatd.config.profiles import load_profiles
-from ecatd.config.resolve import alike_slaves, load_description, misfits, missing_folders
+from ecatd.config.resolve import (
+    alike_slaves,
+    load_description,
+    misfits,
+    missing_folders,
+    unused_conditions,
+)
 from ecatd.config.resolve.objects import object_indices, object_problems
 from ecatd.config.resolve.pdos import (
     chosen_from_eeprom,
@@ -199,13 +205,14 @@ def _wrong(
     others: set[int],
     eeproms: Mapping[int, Sii],
 ) -> list[str]:
-    """All for which a start would refuse the configuration."""
+    """All that a start would refuse, and conditions that it would not use."""
     problems = Collected()
     with problems:
         load_description(wanted)
     with problems:  # without its profiles, nobody knows what the values of the file mean
         profiles = load_profiles(wanted, profile_folders())
         problems.texts += misfits(wanted.moved(places), bus, profiles, others)
+        problems.texts += unused_conditions(wanted.flight_recorder, bus, others)
     for n, sii in eeproms.items():
         if not bus.slaves[n].coe:
             with problems:

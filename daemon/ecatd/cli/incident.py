@@ -15,6 +15,7 @@ from ecatd.base.errors import NoAnswerError, StateError, UsageError
 from ecatd.base.timeouts import Timeout
 from ecatd.operations.incident_files import SUFFIX, describe
 from ecatd.operations.incidents import (
+    NO_RECORDER,
     DeleteIncident,
     ListIncidents,
     ReadIncident,
@@ -61,14 +62,14 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         action="append",
         default=[],
         metavar="[NAME=]SIGNAL",
-        help=f"for export as {', '.join(_TABLES)}: only this value, such as '4/Channel 1/*'; NAME: "
-        "the name that it gets; repeat it for more values",
+        help=f"for export as {', '.join(_TABLES)}: only this value, such as "
+        "'4/AI Standard Channel 1/*'; NAME: the name that it gets; repeat it for more values",
     )
     command.add_argument(
         "--paths",
         action="store_true",
         help="for export as .csv: the columns of `ecatctl record`, each value under its path such "
-        "as '4/Channel 1/Value', and empty where it is missing",
+        "as '4/AI Standard Channel 1/Value', and empty where it is missing",
     )
     add_out(command, f"for export: the file; its name ends in {', '.join(_FORMATS)}", "--out")
     add_force(command)
@@ -157,7 +158,7 @@ def _list(remote: Remote, options: argparse.Namespace) -> None:
         print_json({"bus": remote.bus, **found})
         return
     if not found["folder"]:
-        print("ecatd records no incidents: flight_recorder.folder of its configuration is empty")
+        print(NO_RECORDER)
         return
     if not found["incidents"]:
         print(f"no incidents in {found['folder']}")
@@ -166,9 +167,12 @@ def _list(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _find(remote: Remote, options: argparse.Namespace) -> Incident:
-    found = remote.request(ListIncidents())["incidents"]
     if not options.name:
         raise UsageError(f"incident {options.action} needs NAME: see `ecatctl incident list`")
+    answer = remote.request(ListIncidents())
+    if not answer["folder"]:
+        raise StateError(NO_RECORDER)
+    found = answer["incidents"]
     for item in found[-1:] if options.name == "last" else found:
         if options.name in ("last", item["name"]):
             return item
@@ -232,14 +236,23 @@ def _show(options: argparse.Namespace) -> None:
         if len(shown) > 1:
             print(f"{chr(10) * bool(number)}{item['file']}")
         print(item["reading"], end="")
+        if item["damage"]:
+            print(f"ecatctl: warning: {item['damage']}", file=sys.stderr)
 
 
 def _shown(path: Path, name: str) -> dict[str, Any]:
     """What `show` tells of a file."""
     found = _open(path)
-    reading = _attachment(found, "reading.txt").decode(errors="replace")
+    with _told(path):
+        damage = found.damage()
+    try:
+        reading = _attachment(found, "reading.txt").decode(errors="replace")
+    except StateError as error:
+        if not damage:
+            raise
+        reading = f"{error}\n"
     what: dict[str, Any] = {"file": name, "bus": found.bus, "reading": reading}
-    return {**what, "attachments": found.sizes, "signals": found.signals}
+    return {**what, "damage": damage, "attachments": found.sizes, "signals": found.signals}
 
 
 def _export(options: argparse.Namespace) -> None:

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 from ecatd.base.addresses import parse_address
 from ecatd.base.errors import StateError, UsageError
 from ecatd.base.incident_file import CYCLE
+from ecatd.base.mcap_file import DamagedError
 from ecatd.base.recording_file import NUMBER, TIME, cell_text, column_title, iso_utc, recorded_rows
 from ecatd.base.recording_file import UTC as WALL_CLOCK
 from ecatd.description.bus import Bus
@@ -134,12 +135,17 @@ def incident_table(found: IncidentFile, wanted: Sequence[str]) -> Table:
         notes.append(f"names come from the numbers of slaves, since its bus is unknown: {error}")
     times, cycles = [], []
     fields = [item["field"] for item in found.signals]
-    for time_ns, values in found.cycles():
-        times.append(time_ns)
-        seconds, number = (time_ns - times[0]) / 1e9, values[CYCLE]
-        if number is None:
-            raise ValueError(f"{found.path} is damaged: a cycle has no number")
-        cycles.append(_Cycle(seconds, int(number), [values[name] for name in fields]))
+    try:
+        for time_ns, values in found.cycles():
+            times.append(time_ns)
+            seconds, number = (time_ns - times[0]) / 1e9, values[CYCLE]
+            if number is None:
+                raise ValueError(f"{found.path} is damaged: a cycle has no number")
+            cycles.append(_Cycle(seconds, int(number), [values[name] for name in fields]))
+    except DamagedError as error:
+        if not cycles:
+            raise
+        notes.append(str(error))
     return _table(
         _Source(
             what=f"Incident of bus {found.bus}",
@@ -168,7 +174,8 @@ def recording_table(path: Path, wanted: Sequence[str]) -> Table:
     Raises:
         ConfigError: It is no recording.
     """
-    rows = recorded_rows(path)
+    notes: list[str] = []
+    rows = recorded_rows(path, notes.append)
     head = [str(title) for title in next(rows, [])]
     if head[:2] != [TIME, NUMBER]:
         raise UsageError(f"{path} is neither an incident nor a recording of `ecatctl record`")
@@ -192,7 +199,8 @@ def recording_table(path: Path, wanted: Sequence[str]) -> Table:
         except (IndexError, TypeError, ValueError):
             raise UsageError(f"{path}:{number}: this row is damaged") from None
     what = "Recording of `ecatctl record`"
-    return _table(_Source(what, entries, None, cycles, _cycle_time(cycles), begin_ns), wanted)
+    source = _Source(what, entries, None, cycles, _cycle_time(cycles), begin_ns, notes=notes)
+    return _table(source, wanted)
 
 
 def _number(cell: Any) -> float | None:

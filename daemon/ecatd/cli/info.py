@@ -12,6 +12,7 @@ from ecatd.base.errors import NoAnswerError, UnreachableError
 from ecatd.description.bus import positions_text
 from ecatd.etg.al import AlState, al_state_text
 from ecatd.operations.bus import ReadInfo
+from ecatd.operations.faults import RECORDER
 from ecatd.shm import contract as shm
 from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import Grant, Snapshot, to_map
@@ -38,16 +39,21 @@ def info(options: argparse.Namespace) -> int:
         snapshot = source.read()
         running: Mapping[str, Any] = {}
         silent = ""
+        unused: list[str] = []
         try:
             running = source.remote().request(ReadInfo())
+            faults = source.remote().health().faults
+            unused = [fault.text for fault in faults if fault.kind == RECORDER]
         except (UnreachableError, NoAnswerError) as error:
             if not source.local:
                 raise
             silent = str(error)
         if options.json:
-            print_json(_document(snapshot, running, silent))
+            print_json({**_document(snapshot, running, silent), "unused_conditions": unused})
         else:
-            lines = [*info_lines(snapshot, running, silent), "", *real_time_lines(snapshot)]
+            lines = info_lines(snapshot, running, silent)
+            lines += [f"{'recorder':<12}{text}" for text in unused]
+            lines += ["", *real_time_lines(snapshot)]
             print("\n".join(lines))
         return check_cycle(snapshot, source)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import io
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -33,6 +34,7 @@ COMMANDS = {
     "values": {"record": "Record the values of each cycle in a file (CSV, MCAP or Parquet)."}
 }
 
+_STDOUT = (Path("/dev/stdout"), Path("/dev/fd/1"), Path("/proc/self/fd/1"))
 _PERIOD_MOST = 3600.0
 """Longest time between two lines in seconds."""
 
@@ -66,9 +68,13 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 def record(remote: Remote, options: argparse.Namespace) -> None:
     """Writes the values of each cycle to a file, until it ends."""
-    suffix = options.out.suffix.lower()
-    check_format(suffix, options.out)
     check_target(options.out, force=options.force)
+    suffix = options.out.suffix.lower()
+    is_stream = not options.out.is_file() and options.out.exists()
+    is_stdout = options.out in _STDOUT
+    if (is_stream or is_stdout) and suffix not in FORMATS:
+        suffix = ".csv"  # a device or a pipe has no such name
+    check_format(suffix, options.out)
     recording = None
     try:
         with remote.trace(options.patterns or ["*"], options.before) as trace:
@@ -82,7 +88,7 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
                 finally:
                     recording.end()
     except FileExistsError as error:  # it was not there a moment ago
-        raise UsageError(f"{options.out}: {error.strerror}") from error
+        raise StateError(f"{options.out}: {error.strerror}") from error
     except PermissionError as error:
         raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
     except OSError as error:
@@ -92,7 +98,7 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
         safe = f"{rows} cycles are safe in it" if rows else "nothing was recorded"
         raise StateError(f"{options.out} cannot be written: {error.strerror}; {safe}") from error
     before = (trace.live - trace.begin) * trace.cycle_time
-    if options.json:
+    if options.json and not is_stdout:
         print_json(
             {
                 "bus": options.bus,
@@ -109,18 +115,20 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
     more = f"; it begins {before:.3f} s before and not {options.before:g} s, since ecatd keeps no "
     more += "older frames (flight_recorder.memory_mb)"
     more *= before + trace.cycle_time < options.before
-    more += f"; {counts.left_out} cycles are missing, since ecatd left them out" * bool(
-        counts.left_out
-    )
-    more += f"; {counts.lost} cycles are missing, since they were lost on the way here" * bool(
-        counts.lost
-    )
-    more += f"; {counts.empty} fields are empty, because their slaves did not take part" * bool(
-        counts.empty
-    )
-    if recording.infinite:
-        more += f"; {recording.infinite} fields are empty, because JSON has no infinity: use CSV"
-    print(f"{options.out}: {counts.cycles} cycles with {len(columns)} values{more}")
+    for count, what, why in (
+        (counts.left_out, "cycle", "missing, since ecatd left them out"),
+        (counts.lost, "cycle", "missing, since they were lost on the way here"),
+        (counts.empty, "field", "empty, because their slaves did not take part"),
+        (recording.infinite, "field", "empty, because JSON has no infinity: use CSV"),
+    ):
+        if count:
+            more += f"; {_number_of(count, what)} {'is' if count == 1 else 'are'} {why}"
+    text = f"{_number_of(counts.cycles, 'cycle')} with {_number_of(len(columns), 'value')}"
+    print(f"{options.out}: {text}{more}", file=sys.stderr if is_stdout else sys.stdout)
+
+
+def _number_of(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def _check_period(options: argparse.Namespace, cycle_time: float) -> None:

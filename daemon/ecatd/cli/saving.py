@@ -61,7 +61,8 @@ def save_bytes(path: Path, data: bytes, *, force: bool = True) -> None:
     Raises:
         UsageError: As `check_target`.
         NotPermittedError: The file cannot be written.
-        StateError: Writing fails for another reason, such as a full disk.
+        StateError: It exists, and `force` is false; or writing fails for another reason, such as a
+            full disk.
     """
     check_target(path, force=force)
     with writing(path):
@@ -72,8 +73,8 @@ def check_target(path: Path, *, force: bool) -> None:
     """Checks whether a file can be written, before a slave is asked for what goes into it.
 
     Raises:
-        UsageError: The name is `-`, which means standard output elsewhere; or the file exists, and
-            `force` is false.
+        UsageError: The name is `-`, which means standard output elsewhere.
+        StateError: The file exists, and `force` is false.
         NotPermittedError: It, or a link to it, belongs to another user.
     """
     if path == Path("-"):
@@ -88,7 +89,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:
-        raise UsageError(f"{path}: {error.strerror}") from error
+        raise StateError(f"{path}: {error.strerror}") from error
     except PermissionError as error:
         raise NotPermittedError(f"{path} cannot be written: {error.strerror}") from error
     except OSError as error:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from contextlib import suppress
 
-from ecatd.base.errors import StateError, UsageError
+from ecatd.base.errors import EcatError, StateError, UsageError
 
 COMMANDS = {
     "health": {
@@ -14,12 +15,15 @@ COMMANDS = {
     }
 }
 
+_CANNOT_DRAW = ("", "dumb", "unknown")
+"""Values of TERM of terminals that cannot move the cursor."""
+
 
 def top(options: argparse.Namespace) -> None:
     """Shows the bus until the user presses q.
 
     Raises:
-        UsageError: There is no terminal, or `--json` is given.
+        UsageError: There is no terminal, it cannot be drawn on, or `--json` is given.
         StateError: The package textual is missing.
     """
     if options.json:
@@ -34,6 +38,12 @@ def top(options: argparse.Namespace) -> None:
         import textual  # noqa: F401
     except ImportError as error:
         raise StateError("top needs the package textual: pip install 'ecatd[tui]'") from error
+    if (kind := os.environ.get("TERM", "")) in _CANNOT_DRAW:
+        raise UsageError(
+            f"top cannot draw on this terminal: TERM is '{kind}'. Set the kind of your terminal, "
+            "such as `TERM=xterm-256color ecatctl top`, or use `ecatctl check` and `ecatctl stats "
+            "--watch`, which write lines"
+        )
     from ecatd.client.remote import Remote
 
     from .terminal_view.app import Top
@@ -42,7 +52,12 @@ def top(options: argparse.Namespace) -> None:
         pass  # what is wrong with bus or address is said as by all commands
     app = Top(options.bus, options.connect, options.timeout)
     app.run()
-    for stream in streams:
-        stream.flush()
+    status = app.return_code or 0
+    with suppress(OSError):  # the terminal may be gone
+        if app.defect:
+            status = EcatError.exit_code
+            print(f"ecatctl: defect in top: {app.defect}", file=sys.stderr)
+        for stream in streams:
+            stream.flush()
     # Threads may wait for Zenoh, and the end of Python within a call of it would be an abort.
-    os._exit(app.return_code or 0)
+    os._exit(status)

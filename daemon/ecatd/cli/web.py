@@ -21,6 +21,7 @@ from ecatd.web.listening import Address, read_address
 from ecatd.web.tls import CERTIFICATE, KEY, LOGINS
 
 from .arguments import bounded
+from .output import print_json_line
 from .saving import writing
 
 if TYPE_CHECKING:
@@ -129,7 +130,10 @@ async def _serve(options: argparse.Namespace, files: dict[str, tuple[str, bytes]
     with open_browser() as show, _told(options.address_file, server.address):
 
         def ready() -> None:
-            print(f"{server.address}\nCtrl-C ends.", flush=True)
+            if options.json:
+                print_json_line({"address": server.address})
+            else:
+                print(f"{server.address}\nCtrl-C ends.", flush=True)
             if not options.no_browser and (
                 os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
             ):

@@ -7,10 +7,11 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ecatd.base.entry_patterns import is_glob
 from ecatd.base.errors import UsageError
 from ecatd.base.pcapng import read_records
 from ecatd.client import Client, Signal
-from ecatd.client.patterns import find_signals, is_glob
+from ecatd.client.patterns import find_signals
 from ecatd.operations.bus_client import BusClient
 from ecatd.operations.frames import ReadFrames
 from ecatd.operations.image import DomainImage, ReadImage

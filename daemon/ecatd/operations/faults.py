@@ -14,13 +14,17 @@ CABLE = "cable"
 DRIVE = "drive"
 """The kind of fault that a drive itself reports."""
 
+RECORDER = "recorder"
+"""The kind of fault of a condition of the flight recorder that is not used."""
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Something that is wrong now."""
 
     #: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`, `duplex`,
-    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; `CABLE`; or `DRIVE`.
+    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; `CABLE`; `DRIVE`; or
+    #: `RECORDER`.
     kind: str
     text: str  #: What is wrong, why, and what to do.
     since: float = 0.0  #: Unix time in seconds since which it is so.

@@ -6,6 +6,8 @@ reads without a library.
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import struct
 from collections.abc import Mapping
@@ -14,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ecatd.base.files import open_regular
+from ecatd.base.paths import give_to_group
 
 from .incidents import Incident
 
@@ -38,6 +41,45 @@ def file_name(bus: str, time_ns: int) -> str:
     """
     moment = datetime.fromtimestamp(time_ns // 10**9, UTC)
     return f"{bus}-{moment:%Y%m%dT%H%M%S}.{time_ns % 10**9 // 1000:06}Z{SUFFIX}"
+
+
+def unwritten(folder: Path, error: OSError) -> str:
+    """A sentence about incidents that cannot be written, and what to do."""
+    return (
+        f"ecatd cannot write incidents to {folder} (flight_recorder.folder): {error.strerror}; "
+        "name a folder that the user of ecatd can write to, or make room on its disk"
+    )
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a folder and those above it. Members of the group can read it, whatever the umask.
+
+    Folders that exist stay as they are.
+
+    Raises:
+        OSError: It cannot be made, or this user may not write there.
+    """
+    if folder.is_dir():
+        return
+    if folder.exists():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+    make_folder(folder.parent)
+    folder.mkdir()
+    folder.chmod(0o750)
+    give_to_group(folder)
+
+
+def check_folder(folder: Path) -> None:
+    """Makes the folder of incidents, and checks that files can be written there.
+
+    Raises:
+        OSError: They cannot.
+    """
+    make_folder(folder)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    if not os.statvfs(folder).f_bavail:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def find(folder: Path, bus: str, name: str) -> Path | None:

@@ -10,6 +10,11 @@ from .fields import ClientName, Count
 from .operation import Map, Operation
 from .registers import Data
 
+NO_RECORDER = (
+    "ecatd records no incidents, because flight_recorder.folder of the configuration is empty: "
+    'write a folder there, such as "/var/lib/ecatd/ecat0"'
+)
+
 
 class Incident(Map):
     """An incident."""

@@ -7,12 +7,12 @@ The bus does not depend on it.
 
 from __future__ import annotations
 
-import errno
 import os
 import resource
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ecatd.base.landlock import restrict
 from ecatd.base.log import Log
@@ -33,6 +33,9 @@ from ecatd.base.supervised_process import (
     stop_signals,
     work_until,
 )
+
+if TYPE_CHECKING:
+    from .recorder import Recorder
 
 _OOM_SCORE = 700
 """The kernel ends it before the gateway if there is no memory left."""
@@ -56,7 +59,7 @@ async def _serve(bus: str, log: Log) -> None:
                 "pip install 'ecatd[record]'"
             )
         else:
-            _open(recorder.folder, log)
+            _open(recorder, log)
             await recorder.start()
         report("ready")
         await work_until(stop, answer_pings(recorder.report))
@@ -64,24 +67,13 @@ async def _serve(bus: str, log: Log) -> None:
         await recorder.close()
 
 
-def _open(folder: Path, log: Log) -> None:
-    """Makes the folder, and lets this process write nowhere else.
-
-    It makes the folder now, so that a mistake shows before there is an incident.
-    """
-    from .recorder import make_folder
-
-    try:
-        make_folder(folder)
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        if not restrict([folder]):
+def _open(recorder: Recorder, log: Log) -> None:
+    """Makes the folder, and lets this process write nowhere else."""
+    with suppress(OSError):  # the log has it
+        recorder.check_folder()
+    with suppress(OSError):  # there is no such folder
+        if not restrict([recorder.folder]):
             log.debug("this kernel has no Landlock: the recorder may write what its user may")
-    except OSError as error:
-        log.warning(
-            f"ecatd cannot write incidents to {folder} (flight_recorder.folder): "
-            f"{error.strerror}; name a folder that the user of ecatd can write to"
-        )
 
 
 def _limit_memory(memory_mb: int) -> None:

@@ -8,8 +8,6 @@ trigger within the window of an incident belongs to it.
 from __future__ import annotations
 
 import asyncio
-import errno
-import os
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -20,7 +18,7 @@ from typing import Any
 from ecatd.base.errors import EcatError
 from ecatd.base.log import Log
 from ecatd.base.log_levels import DEFAULTS
-from ecatd.base.paths import control_socket, give_to_group
+from ecatd.base.paths import control_socket
 from ecatd.base.pcapng import read_records
 from ecatd.client import Client
 from ecatd.client.patterns import find_signals
@@ -31,7 +29,14 @@ from ecatd.operations.bus_client import BusClient
 from ecatd.operations.description import Describe
 from ecatd.operations.frames import NEWEST, RINGS, ReadFrames
 from ecatd.operations.image import ReadImage
-from ecatd.operations.incident_files import PART, file_name, make_room
+from ecatd.operations.incident_files import (
+    PART,
+    check_folder,
+    file_name,
+    make_folder,
+    make_room,
+    unwritten,
+)
 from ecatd.operations.log import ReadLogLevels
 from ecatd.shm.statistics import read as read_statistics
 from ecatd.shm.statistics import to_map
@@ -86,6 +91,7 @@ class Recorder:
         self._others: set[asyncio.Task[Any]] = set()
         self._budget = Budget(self._config.per_hour)
         self._left_out: set[str] = set()  # causes
+        self._unwritten = ""  # why the last incident could not be written
         self._refused: deque[int] = deque(maxlen=_KEPT)  # times of triggers without an incident
 
     @property
@@ -211,12 +217,7 @@ class Recorder:
             async with self._writing:
                 await asyncio.to_thread(self._write, pending)
         except OSError as error:
-            self._log.warning(
-                f"an incident cannot be written to {self.folder} (flight_recorder.folder): "
-                f"{error.strerror}; name a folder that the user of ecatd can write to, or make "
-                "room on its disk",
-                "incident_written",
-            )
+            self._report_unwritten(error)
         except MemoryError:
             self._log.error(
                 "no memory for an incident: choose a smaller flight_recorder.before_s or memory_mb"
@@ -226,6 +227,25 @@ class Recorder:
         finally:
             if self._pending is pending:
                 self._pending = None
+
+    def check_folder(self) -> None:
+        """Makes the folder now, so that a mistake shows before there is an incident.
+
+        Raises:
+            OSError: Incidents cannot be written there; the log says so.
+        """
+        try:
+            check_folder(self.folder)
+        except OSError as error:
+            self._report_unwritten(error)
+            raise
+
+    def _report_unwritten(self, error: OSError) -> None:
+        """Says in the log why no incident can be written: once, and again after one was."""
+        text = unwritten(self.folder, error)
+        if text != self._unwritten:
+            self._log.warning(text, "incident_written")
+        self._unwritten = text
 
     async def _collect(self, pending: _Pending) -> None:
         """Fetches frames: those before the trigger at once, those behind it later."""
@@ -284,6 +304,7 @@ class Recorder:
         make_folder(self.folder)
         path = self.folder / file_name(self._name, pending.triggers[0].time_ns)
         write(path, incident)
+        self._unwritten = ""
         most = self._config.disk_mb << 20
         deleted = make_room(self.folder, self._name, most)
         if not path.exists():
@@ -454,21 +475,3 @@ def _cause(event: Mapping[str, Any]) -> str:
     """What is alike in events of the same cause: their kind, and what they are about."""
     about = ("slave", "slaves", "missing", "interface", "domain", "program")
     return f"{event['event']} { {name: event[name] for name in about if name in event} }"
-
-
-def make_folder(folder: Path) -> None:
-    """Makes a folder and those above it. Members of the group can read it, whatever the umask.
-
-    Folders that exist stay as they are.
-
-    Raises:
-        OSError: It cannot be made, or this user may not write there.
-    """
-    if folder.is_dir():
-        return
-    if folder.exists():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
-    make_folder(folder.parent)
-    folder.mkdir()
-    folder.chmod(0o750)
-    give_to_group(folder)

@@ -21,7 +21,7 @@ from ecatd.base.timeouts import Timeout
 from ecatd.base.version import VERSION
 from ecatd.config import Config
 from ecatd.config.meanings import object_meaning
-from ecatd.config.resolve import missing_audit_folder
+from ecatd.config.resolve import missing_audit_folder, unused_conditions
 from ecatd.description.bus import Slave
 from ecatd.description.cables import Cables
 from ecatd.etg.al import AlState
@@ -29,6 +29,7 @@ from ecatd.etg.pdo import Entry
 from ecatd.master.al_states import SlaveState, states_text
 from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.master.worker import Worker
+from ecatd.operations import faults
 from ecatd.operations.bus import (
     CableState,
     Configuration,
@@ -147,6 +148,7 @@ class BusServer:
                 )
             else:
                 log.of("recorder").info(text)
+        self._unused = self._unused_conditions()
         self._asked_at = time.monotonic()  # when the service has asked whether this process works
 
     @classmethod
@@ -197,6 +199,7 @@ class BusServer:
             await self._worker.run(partial(running.master.set_share, config.mailbox.share))
         running.engine.set_wkc_limit(config.outputs.wkc_limit)
         self._config, self._in_force = config, in_force
+        self._unused = self._unused_conditions()
         self._monitor.slaves.set_recovery(config.recovery)
         self._monitor.exchange.set_config(config.health)
         self._monitor.cables.set_config(config.health)
@@ -206,6 +209,10 @@ class BusServer:
         self._events.publish(
             new_event("configuration", text="the configuration was read again, and has changed")
         )
+
+    def _unused_conditions(self) -> list[faults.Fault]:
+        texts = unused_conditions(self._config.flight_recorder, self.bus)
+        return [faults.Fault(faults.RECORDER, text, self._started) for text in texts]
 
     def _report_held(self, outputs: list[str]) -> None:
         if outputs:
@@ -301,7 +308,9 @@ class BusServer:
             "slaves": [self._state_row(item) for item in self._monitor.slaves.states],
             "missing": cast("list[MissingSlave]", self._running.found.expectation.left_out),
             "others": self._monitor.slaves.others,
-            "faults": [cast("Fault", fault.to_map()) for fault in self._monitor.faults],
+            "faults": [
+                cast("Fault", fault.to_map()) for fault in (*self._monitor.faults, *self._unused)
+            ],
             "cables": [
                 cast("CableState", {name: getattr(item, name) for name in _CABLE_FACTS})
                 for item in self._cables.judge(now)

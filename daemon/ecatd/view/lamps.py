@@ -15,7 +15,7 @@ from typing import Any, Literal, TypedDict
 
 from ecatd.base.errors import EcatError
 from ecatd.etg.al import AlState
-from ecatd.operations.faults import DRIVE, EXCHANGE, WORKING_COUNTER, Fault
+from ecatd.operations.faults import DRIVE, EXCHANGE, RECORDER, WORKING_COUNTER, Fault
 from ecatd.operations.health import Health, look_at, row_label
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import Snapshot, from_map
@@ -379,7 +379,7 @@ def _link(
     why_not: str,
     states: Mapping[str, Any] | None,
 ) -> _Found:
-    others = {*EXCHANGE, "clock", DRIVE}
+    others = {*EXCHANGE, "clock", DRIVE, RECORDER}
     if health:
         faults = [fault for fault in health.faults if fault.kind not in others]
         if faults:

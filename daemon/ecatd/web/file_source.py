@@ -118,22 +118,29 @@ class FileSource:
             while (cycles := await in_daemon_thread(lambda: next(parts, None))) is not None:
                 page.tell_cycles(cycles, names, generation)
                 await page.drained()
-        except EcatError as error:
+        except EcatError as error:  # behind all that could be read
             self._hub.value("ro/trace", error)
-        else:
-            self._hub.end(page)
+        self._hub.end(page)
 
     def _parts(self, names: Sequence[str]) -> Iterator[Cycles]:
         types = {name: self._types[name] for name in names}
         columns = {name: self._contents.columns[name] for name in names}
         unknown = {name: math.nan if types[name].startswith("float") else 0 for name in names}
         cycles = self._contents.cycles()
-        while True:
+        failure: EcatError | None = None
+        while failure is None:
             began = time.monotonic()
             numbers, times = array("d"), array("d")
             values: dict[str, array[Any]] = {name: array(TYPES[types[name]]) for name in names}
             invalid: dict[str, list[int]] = {name: [] for name in names}
-            for at_ns, number, cells in cycles:
+            while True:
+                try:
+                    at_ns, number, cells = next(cycles)
+                except StopIteration:
+                    break
+                except EcatError as error:
+                    failure = error
+                    break
                 try:
                     for name, column in columns.items():
                         cell = cells.get(column)
@@ -150,9 +157,11 @@ class FileSource:
                     ) from error
                 if len(numbers) >= _ROWS or time.monotonic() > began + 1:
                     break
-            if not numbers:
+            if numbers:
+                yield Cycles(numbers, times, values, types, invalid, lost=False)
+            elif failure is None:
                 return
-            yield Cycles(numbers, times, values, types, invalid, lost=False)
+        raise failure
 
 
 def _choose(contents: Contents) -> list[str]:

@@ -109,7 +109,10 @@ class RecordedIncident:
         except (OSError, OverflowError, KeyError, ValueError) as error:
             text = f"{self._file.path} is a damaged incident{in_words(error)}; copy it again"
             raise UsageError(text) from error
-        return seconds, f"an incident of bus '{self._file.bus}' at {moment} UTC: {reason}"
+        about = f"an incident of bus '{self._file.bus}' at {moment} UTC: {reason}"
+        if damage := self._file.damage():
+            about += f". {damage}"
+        return seconds, about
 
     def _attachment(self, name: str) -> bytes:
         if self._file.sizes.get(name, 0) > _MOST:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ecatd.base.addresses import address_text
 from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.mcap_file import DamagedError
 from ecatd.base.recording_file import Place, RecordingFile
 
 from .hub import Hub
@@ -33,12 +34,23 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file = RecordingFile(path)
+        try:
+            self._file = RecordingFile(path)
+        except OSError as error:
+            raise UsageError(f"cannot read '{path}': {error.strerror}") from error
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        if self._file.is_cut:
+            self.about = "a recording that ends in the middle; all of it that is whole is here"
         seen: defaultdict[str, set[Any]] = defaultdict(set)
-        for _, _, cells in islice(self.cycles(), _LOOKED_AT):
-            for column, cell in cells.items():
-                if len(seen[column]) <= len(_BIT):
-                    seen[column].add(cell)
+        try:
+            for _, _, cells in islice(self.cycles(), _LOOKED_AT):
+                for column, cell in cells.items():
+                    if len(seen[column]) <= len(_BIT):
+                        seen[column].add(cell)
+        except UsageError:  # pages hear of what is damaged where they come to it
+            if not seen:
+                raise
         if not seen:
             raise UsageError(f"{path}: there are no values of `ecatctl record` in it")
         units = self._file.units()
@@ -58,6 +70,8 @@ class Recording:
             yield from self._file.cycles()
         except OSError as error:
             raise UsageError(f"cannot read '{self._path}': {error.strerror}") from error
+        except DamagedError as error:
+            raise UsageError(str(error)) from error
         except ValueError as error:
             raise UsageError(str(error)) from error
 

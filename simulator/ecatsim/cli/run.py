@@ -137,6 +137,8 @@ class _Runner:
         if arguments.replay is not None:
             replay = Replay(arguments.replay, rig, repeat=arguments.repeat)
             tell_left_out(arguments.replay, replay.left_out)
+            if replay.damage:
+                print(f"ecatsim: warning: {replay.damage}", file=sys.stderr)
         self._check_interfaces(rig.ring)
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
+import threading
 import time
+import traceback
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -26,6 +31,7 @@ from ecatd.view.lamps import Lamps, owner_name
 
 from .ask import Ask
 from .by_hand import ByHand
+from .driver import LenientDriver
 from .feed import Feed, Look, Lost, Opened, Row, Told
 from .filter_line import FilterLine
 from .glyphs import MARKS, STYLES
@@ -39,6 +45,9 @@ _EVENTS = 500
 _ALONE_S = 60.0
 """Seconds without a key or a click after which outputs held by hand are released: a terminal cannot
 see whether somebody is there, and a broken connection of ssh can look alive for long."""
+_ENDING = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
+_END_S = 5.0
+"""Most seconds from a signal to the end."""
 _TABS = ("slaves", "signals", "events", "outputs", "owners", "buses")
 _PANEL_TABS = {"topology": "slaves", "timing": "signals", "outputs": "outputs", "events": "events"}
 _SEVERE = {"error": "bold red", "warning": "yellow", "notice": "", "info": "dim"}
@@ -166,7 +175,7 @@ class Top(App[None]):
     ]
 
     def __init__(self, bus: str, connect: str | None, timeout: float) -> None:
-        super().__init__(ansi_color=True)
+        super().__init__(driver_class=LenientDriver, ansi_color=True)
         self.theme = "ansi-dark"
         self._bus_name = bus
         self._connect = connect
@@ -239,6 +248,33 @@ class Top(App[None]):
                 yield BusLines((Column("BUS", 30, 46), Column("", 30)), id="bus-lines")
         yield Static(id="detail", markup=False)
         yield Footer(show_command_palette=False)
+
+    @property
+    def defect(self) -> str:
+        """What has ended the screen though nobody wanted it, and where; empty if nothing did."""
+        error = self._exception
+        if error is None:
+            return ""
+        places = traceback.extract_tb(error.__traceback__)
+        where = f" ({places[-1].filename}:{places[-1].lineno})" if places else ""
+        return " ".join(f"{error!r}{where}".split())
+
+    def _fatal_error(self) -> None:
+        """Ends without Textual's page of traceback: `defect` says it in a line."""
+        self._close_messages_no_wait()
+
+    def on_load(self) -> None:
+        """Before anything is drawn: signals end the screen as the key q does."""
+        for number in _ENDING:
+            asyncio.get_running_loop().add_signal_handler(number, self._end_by, number)
+
+    def _end_by(self, number: int) -> None:
+        status = 128 + number
+        self.exit(return_code=status)
+        # A terminal that is gone may block what writes to it. The daemon releases outputs by hand.
+        last = threading.Timer(_END_S, os._exit, (status,))
+        last.daemon = True
+        last.start()
 
     def on_mount(self) -> None:
         """The first questions."""

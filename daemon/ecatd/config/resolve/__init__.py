@@ -1,6 +1,7 @@
 """Applies the configuration to the description of a bus, without any access to the bus."""
 
 from .alike import alike_slaves
+from .conditions import unused_conditions
 from .files import load_description, missing_audit_folder, missing_folders
 from .resolved import ResolvedConfig, misfits, resolve_config
 from .slaves import check_slaves
@@ -16,4 +17,5 @@ __all__ = [
     "missing_audit_folder",
     "missing_folders",
     "resolve_config",
+    "unused_conditions",
 ]

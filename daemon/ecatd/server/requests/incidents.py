@@ -11,8 +11,9 @@ from ecatd.base.errors import StateError
 from ecatd.config import Config
 from ecatd.operations.events import new_event
 from ecatd.operations.handlers import handles
-from ecatd.operations.incident_files import find, incidents
+from ecatd.operations.incident_files import check_folder, find, incidents, unwritten
 from ecatd.operations.incidents import (
+    NO_RECORDER,
     DeleteIncident,
     IncidentList,
     IncidentRequested,
@@ -47,10 +48,7 @@ class Incidents:
 
     def _checked(self) -> Path:
         if not self._folder:
-            raise StateError(
-                "ecatd records no incidents, because flight_recorder.folder of the configuration "
-                'is empty: write a folder there, such as "/var/lib/ecatd/ecat0"'
-            )
+            raise StateError(NO_RECORDER)
         return Path(self._folder)
 
     def _file(self, name: str) -> Path:
@@ -84,8 +82,12 @@ class Incidents:
             raise StateError(f"'{request.name}' cannot be read: {error.strerror}") from error
 
     @handles(RecordIncident)
-    def _record(self, request: RecordIncident) -> IncidentRequested:
-        self._checked()
+    async def _record(self, request: RecordIncident) -> IncidentRequested:
+        folder = self._checked()
+        try:
+            await asyncio.to_thread(check_folder, folder)
+        except OSError as error:
+            raise StateError(unwritten(folder, error)) from error
         by = request.by or "somebody"
         text = f"{by} has asked for an incident" + f": {request.reason}" * bool(request.reason)
         what = "an incident" + f" about '{request.reason}'" * bool(request.reason)
