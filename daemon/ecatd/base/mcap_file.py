@@ -157,6 +157,8 @@ class McapFile:
                 has_end = True
                 break
             try:
+                if self._chunks and kind != _CHUNK:
+                    raise ValueError("there should be a chunk")
                 found = self._messages(kind, content)
                 chosen = [item for item in found if self._is(wanted, item)]
             except Exception as error:  # the library raises many kinds of errors

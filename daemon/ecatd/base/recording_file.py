@@ -132,8 +132,9 @@ def recorded_rows(path: Path, tell: Callable[[str], object]) -> Iterator[Sequenc
             raise ConfigError(str(error)) from error
         tell(str(error))
     except Exception as error:  # the libraries raise many kinds of errors
-        what = _WRONG.get(read, "it is damaged") + in_words(error) * (read is _mcap)
-        raise ConfigError(f"{path}: this is not a recording: {what}") from error
+        what = _WRONG.get(read) or in_words(error).removeprefix(": ") or "it is damaged"
+        text = what if str(path) in what else f"{path}: this is not a recording: {what}"
+        raise ConfigError(text) from error
 
 
 def _csv(path: Path) -> Iterator[Sequence[str]]:
