@@ -34,6 +34,7 @@ SAYS = re.compile(
 OTHERS = {
     # They say it by a method whose message has it, or pass on an error that does.
     ("clocks.py", "raise StateError(self._why_not(shared, locked, differences))"),
+    ("hands.py", "raise _lapsed(request.writer)"),
     ("mailbox.py", "raise NoAnswerError(f'{text}: {reason}' if reason else text)"),
     ("session.py", "raise"),
     # They are about a rate, or about others that are at work, not about a time that has passed.
