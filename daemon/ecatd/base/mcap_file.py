@@ -64,7 +64,8 @@ class McapFile:
         with open_regular(path) as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 raise ValueError(
-                    f"{path}: it is no MCAP file: name a recording (`ecatctl record`) or an incident"
+                    f"{path}: it is no MCAP file: name a recording (`ecatctl record`) or an "
+                    "incident"
                 )
             file.seek(0)
             try:
