@@ -32,7 +32,8 @@ _STATES = {
     **dict.fromkeys("ZXx", "ended"),
 }
 """Letters of proc(5)."""
-_FILES_MAX = 4096
+_FILES_MAX, _HEAD = 4096, 4096
+"""Most files that are looked at, and characters of what the kernel says of each."""
 
 
 class ProcessState(NamedTuple):
@@ -68,21 +69,23 @@ def look_at_process(pid: int, since_ns: int = 0) -> ProcessState | None:
 
 
 def has_open(pid: int, fd: int) -> bool | None:
-    """Whether a process has a file of the name open that a descriptor of this process has.
+    """Whether a process has a file open that a descriptor of this process has.
 
-    None: this process may not see that, or there are too many files. The files themselves are not
-    looked at: those of a network, or of a hostile program, could make the reader wait.
+    None: this process may not see that, the kernel does not say it (before Linux 5.14), or there
+    are too many files. The files themselves are not looked at: those of a network, or of a hostile
+    program, could make the reader wait.
     """
-    wanted = Path(f"/proc/self/fd/{fd}").readlink().name
+    wanted = str(os.fstat(fd).st_ino)
     try:
-        with os.scandir(f"/proc/{pid}/fd") as links:
-            for number, link in enumerate(links):
-                if number == _FILES_MAX:
+        for number, item in enumerate(Path(f"/proc/{pid}/fdinfo").iterdir()):
+            if number == _FILES_MAX:
+                return None
+            with suppress(FileNotFoundError), item.open() as file:  # it may be closed meanwhile
+                found = re.search(r"^ino:\s*(\d+)$", file.read(_HEAD), re.MULTILINE)
+                if found is None:
                     return None
-                with suppress(FileNotFoundError):  # it was closed meanwhile
-                    # The folder may differ: another namespace has other mounts.
-                    if Path(link.path).readlink().name == wanted:
-                        return True
+                if found[1] == wanted:
+                    return True
     except OSError:
         return None
     return False
