@@ -129,7 +129,7 @@ def test_the_log_is_followed_over_a_restart(start_daemon: Callable[..., Daemon],
         os.kill(daemon.child_pid("ecatd.gateway"), signal.SIGKILL)
         wait_for(lambda: "waiting for it" in log.said, daemon)
         wait_for(lambda: heard("info"), daemon)
-        line = log.documents[0]
+        line = next(item for item in log.documents if "to debug by" in item["text"])
     assert (line["bus"], line["level"], line["part"]) == (daemon.bus, "notice", "service")
     assert line["sequence"] >= 1
 

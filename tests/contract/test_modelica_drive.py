@@ -92,8 +92,12 @@ def test_an_absolute_reference_is_approached_slowly(play: Play, record: Record) 
         player.until(lambda: abs(player.a.phi - goal) < 2e-3 and abs(player.a.w) < 1e-3)
         assert abs(player.a.command[2] - wanted) <= 1
         player.disable()
+        targets = [command for _, _, enabled, _, command, *_ in player.history if enabled]
+    # By the time of the model: on a busy machine the motor follows in jumps.
+    steps = max(abs(after - before) for before, after in itertools.pairwise(targets))
+    assert 25 < steps / TURN * 2 * math.pi / 0.001 < 40
     rows = [row for row in record(ELMO) if commanded(row) and row["mode"] == Mode.CYCLIC_POSITION]
-    assert 25 < max(abs(row["w"]) for row in rows) < 40
+    assert max(abs(row["w"]) for row in rows) > 25
     assert max(abs(row["target_position"] - row["position"]) for row in rows) < TURN / 4
 
 
