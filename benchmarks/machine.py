@@ -94,7 +94,12 @@ def describe() -> dict[str, Any]:
     }
 
 
-def used(pid: int) -> float:
-    """Seconds of processors that a process has had so far."""
+def used(pid: int, *, ended: bool = False) -> float:
+    """Seconds of processors that a process has had so far.
+
+    Args:
+        pid: The process.
+        ended: Whether those of its children count, too, that have ended.
+    """
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, fields[11 : 15 if ended else 13])) / os.sysconf("SC_CLK_TCK")

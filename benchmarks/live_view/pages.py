@@ -82,7 +82,7 @@ class Pages:
             for window in self._windows:
                 window.wait_for_function(_DRAWS, arg=self._signals)
         return {
-            "used": sum(used(child) for child in descendants(os.getpid())),
+            "used": sum(used(child, ended=True) for child in descendants(os.getpid())),
             "reports": reports,
             "drawing": [report["drawing"] for report in reports],
             "frames": [report["frames"] for report in reports],
