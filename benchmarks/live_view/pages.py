@@ -113,9 +113,15 @@ def descendants(pid: int, name: str = "") -> Iterator[int]:
         pid: The process.
         name: Only those whose names have this text.
     """
-    with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            for child in map(int, (task / "children").read_text().split()):
-                if name in Path(f"/proc/{child}/comm").read_text():
-                    yield child
-                yield from descendants(child, name)
+    try:
+        tasks = [*Path(f"/proc/{pid}/task").iterdir()]
+        children = [
+            int(child) for task in tasks for child in (task / "children").read_text().split()
+        ]
+    except (FileNotFoundError, ProcessLookupError):  # it has ended
+        return
+    for child in children:
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if name in Path(f"/proc/{child}/comm").read_text():
+                yield child
+        yield from descendants(child, name)
