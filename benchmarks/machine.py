@@ -94,12 +94,7 @@ def describe() -> dict[str, Any]:
     }
 
 
-def used(pid: int, *, ended: bool = False) -> float:
-    """Seconds of processors that a process has had so far.
-
-    Args:
-        pid: The process.
-        ended: Whether those of its children count, too, that have ended.
-    """
+def used(pid: int) -> float:
+    """Seconds of processors that a process has had so far."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(map(int, fields[11 : 15 if ended else 13])) / os.sysconf("SC_CLK_TCK")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

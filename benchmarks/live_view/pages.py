@@ -72,6 +72,8 @@ class Pages:
             the browser.
         """
         reports = []
+        # Before windows are left, since their processes end then.
+        before = sum(map(used, descendants(os.getpid())))
         for window in self._windows:
             if shown:
                 window.goto(self._address)
@@ -82,7 +84,7 @@ class Pages:
             for window in self._windows:
                 window.wait_for_function(_DRAWS, arg=self._signals)
         return {
-            "used": sum(used(child, ended=True) for child in descendants(os.getpid())),
+            "used": sum(map(used, descendants(os.getpid()))) if shown else before,
             "reports": reports,
             "drawing": [report["drawing"] for report in reports],
             "frames": [report["frames"] for report in reports],

@@ -130,7 +130,7 @@ class HeldOutput(Map):
 class Held(Map):
     """What somebody holds by hand now."""
 
-    outputs: list[HeldOutput]  #: The outputs.
+    outputs: list[HeldOutput]  #: The outputs; none with `begin`.
     lease_ms: float  #: Time within which the request must come again.
     #: With `begin`: what the next request must have, within `lease_ms`, to begin.
     ticket: NotRequired[str]
@@ -155,7 +155,7 @@ class HoldOutputs(Operation[Held]):
     #: named value. A number is a raw value. None keeps the value, and is no change: a renewal has
     #: only these.
     values: OutputValues
-    #: Whether to get a ticket, if this writer holds nothing now. Ask only when a person acts.
+    #: Whether to get a ticket, and nothing else. Ask only when a person acts.
     begin: bool = False
     ticket: str = ""  #: The ticket with which to begin, if this writer holds nothing now.
     by: ClientName = ""  #: The name that the client gives itself, for the log.

@@ -107,10 +107,9 @@ class Hands:
         """
         key = whose(request.by), request.writer
         values = {name: self._raw(name, value) for name, value in request.values.items()}
-        holding = self._holdings.get(key)
-        if holding is None and request.begin:
+        if request.begin:  # it is no change, so it must not move what this writer may hold
             return {"outputs": [], "lease_ms": LEASE_S * 1e3, "ticket": self._give_ticket(key)}
-        holding = holding or self._begin(key, request)
+        holding = self._holdings.get(key) or self._begin(key, request)
         async with holding.turn:
             if self._holdings.get(key) is not holding:  # it has lapsed meanwhile
                 raise _lapsed(request.writer)
