@@ -88,7 +88,8 @@ def test_outputs_are_held_as_long_as_somebody_says_so(
         hold(first=None, second=None)
         # A request for a ticket moves nothing, also not what this writer holds.
         remote.request(HoldOutputs("page", {FIRST: "0", SECOND: "1"}, begin=True))
-        assert [outputs(remote)[name]["value"] for name in (FIRST, SECOND)] == [1, 0]
+        seen = outputs(remote)
+        assert (seen[FIRST]["value"], seen[SECOND]["value"]) == (1, 0)
         hold(first=None, second=None)
         # Nobody takes an output from its owner: neither a program, nor another hand.
         with pytest.raises(OwnedError, match=naming("hand:")):

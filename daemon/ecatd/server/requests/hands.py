@@ -130,6 +130,8 @@ class Hands:
                 if not before or isinstance(error, LeaseError | UnreachableError):
                     self._forget(key)  # it has not begun, or has ended
                     self._changes.end_holding(key)
+                if isinstance(error, LeaseError):  # the engine has seen it first
+                    raise _lapsed(request.writer) from error
                 raise
             if released := [name for name in before if name not in values]:
                 self._note_end(key, released, request.by, "released")
