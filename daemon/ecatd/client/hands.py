@@ -131,6 +131,9 @@ class _Hands(Connection):
             return
         lease = message["lease"]
         is_new = number not in self._holdings
+        if is_new and not message["begins"]:
+            # It has lapsed, and who asks has not heard of it: a late request moves nothing.
+            raise LeaseError("the outputs are not held any more")
         if is_new:
             set_title((message["program"],))  # the client takes the name of the process
             self._holdings[number] = _Holding(self._bus, lease)

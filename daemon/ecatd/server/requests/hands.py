@@ -125,13 +125,14 @@ class Hands:
                         records.enter_context(
                             self._record(key, name, value, before.get(name), request.by)
                         )
-                    await self._ask(holding, key[0], values)
+                    await self._ask(holding, key[0], values, begins=not before)
             except EcatError as error:
-                if not before or isinstance(error, LeaseError | UnreachableError):
+                if before and isinstance(error, LeaseError):  # `lapsed` is still on its way
+                    self._lapse(holding.number)
+                    raise _lapsed(request.writer) from error
+                if not before or isinstance(error, UnreachableError):
                     self._forget(key)  # it has not begun, or has ended
                     self._changes.end_holding(key)
-                if isinstance(error, LeaseError):  # the engine has seen it first
-                    raise _lapsed(request.writer) from error
                 raise
             if released := [name for name in before if name not in values]:
                 self._note_end(key, released, request.by, "released")
@@ -201,7 +202,9 @@ class Hands:
             self._process.close()
             self._process = None
 
-    async def _ask(self, holding: _Holding, user: str, values: dict[str, float | None]) -> None:
+    async def _ask(
+        self, holding: _Holding, user: str, values: dict[str, float | None], *, begins: bool
+    ) -> None:
         async with self._opening:
             if self._process is None:
                 self._process = await _Process.start(self._bus.name, self._lapse, self._has_ended)
@@ -209,6 +212,7 @@ class Hands:
         await process.ask(
             {
                 "holding": holding.number,
+                "begins": begins,
                 "program": hand_name(_plain(user)),
                 "lease": LEASE_S,
                 "outputs": [[*Place.of(name), value] for name, value in values.items()],
