@@ -1,5 +1,6 @@
 """Outputs by hand: somebody over Zenoh holds outputs, and must say so again in time."""
 
+import asyncio
 import os
 import signal
 import time
@@ -12,7 +13,8 @@ import pytest
 from conftest import Daemon, naming, wait_for
 from ecatd.base.errors import BusyError, LeaseError, OwnedError, StateError, UsageError
 from ecatd.client.remote import Remote
-from ecatd.operations.outputs import HoldOutputs, ReadOutputs, ReleaseOutputs
+from ecatd.operations.outputs import HoldOutputs, Place, ReadOutputs, ReleaseOutputs
+from ecatd.server.requests.hands import _Process
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -135,6 +137,28 @@ def test_outputs_are_held_as_long_as_somebody_says_so(
     assert "released" in about[1]
     assert any("0x7010:01" in line and "no renewal came for 250 ms" in line for line in lines)
     assert any("has failed" in line and "hand:" in line for line in lines)
+
+
+def test_a_renewal_of_what_has_been_let_go_begins_nothing(daemon: Daemon) -> None:
+    """The bus server may not have heard of a lapse yet, while the process has let go already."""
+    place = Place.of(FIRST)
+
+    async def late() -> None:
+        process = await _Process.start(daemon.bus, lambda _: None, lambda _: None)
+        holding = {"holding": 1, "program": "hand:x", "lease": 0.25, "outputs": [[*place, 1]]}
+        try:
+            with pytest.raises(LeaseError):
+                await process.ask(holding | {"begins": False})
+            await process.ask(holding | {"begins": True})
+            await process.ask({"holding": 1, "release": True})
+            with pytest.raises(LeaseError):
+                await process.ask(holding | {"begins": False})
+        finally:
+            process.close()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+        asyncio.run(late())
 
 
 def test_places_are_limited_and_a_killed_hand_lets_go(daemon: Daemon, remote: Remote) -> None:
