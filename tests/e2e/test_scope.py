@@ -559,7 +559,7 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         page.get_by_role("button", name="Spectrum").click()
         panel = page.get_by_role("group", name="Spectrum")
         panel.get_by_role("cell").first.wait_for()
-        greatest = pytest.approx(greatest_amplitude(rows), rel=1e-3)
+        greatest = pytest.approx(greatest_amplitude(rows, numbers), rel=1e-3)
         first_row = panel.get_by_role("row").first
         until(lambda: float(first_row.inner_text().split()[-1]) == greatest)
         page.get_by_role("button", name="XY").click()
@@ -598,15 +598,20 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
                 assert serious == [], theme
 
 
-def greatest_amplitude(rows: list[tuple[int, float, float]]) -> float:
-    """The amplitude of the greatest line but the mean, with a Hann window."""
+def greatest_amplitude(rows: list[tuple[int, float, float]], cycles: list[int]) -> float:
+    """The amplitude of the greatest line but the mean, with a Hann window.
+
+    Args:
+        rows: The cycles in which there is a value; it is held in others.
+        cycles: All cycles of the window.
+    """
     numpy = pytest.importorskip("numpy")
-    last = rows[-1][0]
-    count = 2 ** math.floor(math.log2(last - rows[0][0] + 1))
+    last = cycles[-1]
+    count = 2 ** math.floor(math.log2(last - cycles[0] + 1))
     known = dict.fromkeys(range(last - count + 1, last + 1))
     value = rows[0][2]
     by_cycle = {cycle: each for cycle, _, each in rows}
-    for cycle in range(rows[0][0], last + 1):
+    for cycle in range(cycles[0], last + 1):
         value = by_cycle.get(cycle, value)
         if cycle in known:
             known[cycle] = value
