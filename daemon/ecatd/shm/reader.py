@@ -28,6 +28,7 @@ _LIMITS = {
     "slave_count": shm.MAX_SLAVES,
     "domain_count": shm.MAX_DOMAINS,
     "slot_count": shm.SLOTS,
+    "can_count": shm.MAX_CAN,
 }
 
 
