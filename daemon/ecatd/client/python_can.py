@@ -23,7 +23,7 @@ from can import (
 from can.typechecking import AutoDetectedConfig
 
 from ecatd.base.errors import BusyError, EcatError, LeaseError, NoAnswerError, UnreachableError
-from ecatd.base.paths import served_buses
+from ecatd.shm.files import buses_here
 from ecatd.shm.contract import CanKind, CanState
 
 from .can import CanChannel, CanFrame, Range, frame, wall_clock
@@ -264,7 +264,7 @@ class EcatdBus(BusABC):
     @staticmethod
     def _detect_available_configs() -> Sequence[AutoDetectedConfig]:
         found: list[AutoDetectedConfig] = []
-        for bus in served_buses():
+        for bus in buses_here():
             try:
                 with Client(bus) as client:
                     found += [
