@@ -23,8 +23,8 @@ from can import (
 from can.typechecking import AutoDetectedConfig
 
 from ecatd.base.errors import BusyError, EcatError, LeaseError, NoAnswerError, UnreachableError
-from ecatd.shm.files import buses_here
 from ecatd.shm.contract import CanKind, CanState
+from ecatd.shm.files import buses
 
 from .can import CanChannel, CanFrame, Range, frame, wall_clock
 from .client import Client
@@ -264,7 +264,7 @@ class EcatdBus(BusABC):
     @staticmethod
     def _detect_available_configs() -> Sequence[AutoDetectedConfig]:
         found: list[AutoDetectedConfig] = []
-        for bus in buses_here():
+        for bus in buses():
             try:
                 with Client(bus) as client:
                     found += [
