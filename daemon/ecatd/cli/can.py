@@ -180,7 +180,9 @@ def _news(frame: CanFrame) -> str:
     if frame.kind == CanKind.STATE:
         state, sending, receiving = frame.state
         word = state.name.lower().replace("_", "-")
-        return f"the CAN controller is {word}; error counters {sending} (sent), {receiving} (received)"
+        return (
+            f"the CAN controller is {word}; error counters {sending} (sent), {receiving} (received)"
+        )
     if frame.kind == CanKind.OVERFLOW:
         return "the terminal has lost frames that it received"
     return f"{_identifier(frame)}: the terminal has lost this frame; it may have been sent"

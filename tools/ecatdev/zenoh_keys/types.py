@@ -195,5 +195,7 @@ for _counter in shm.COUNTERS:
     _add(Statistics, _counter.name, int, _counter.meaning)
 for _counter in shm.DOMAIN_COUNTERS:
     _add(DomainStatistics, _counter.name, int, _counter.meaning)
+for _counter in shm.CAN_COUNTERS:
+    _add(CanStatistics, _counter.name, int, _counter.meaning)
 for _name, _meaning in shm.TIMES.items():
     _add(Statistics, _name, Distribution, _meaning)

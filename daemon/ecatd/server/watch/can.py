@@ -69,7 +69,9 @@ class CanWatch:
 
     def __init__(self, running: RunningBus, who: Callable[[int], Client], report: Reporter) -> None:
         self._bus: Bus = running.bus
-        self._rows = {row.slave: row for row in running.shared.can[: running.shared.header.can_count]}
+        self._rows = {
+            row.slave: row for row in running.shared.can[: running.shared.header.can_count]
+        }
         self._who = who
         self._report = report
         self._gathered: dict[tuple[int, int, int], Batch[tuple[Event, Client | None]]] = {}
