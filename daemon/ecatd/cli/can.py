@@ -37,9 +37,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "words",
         nargs="*",
         metavar="ARGUMENT",
-        help="[SLAVE] and what follows: for send frames such as 601#4000100000000000, 18FF0001#01 (8 "
-        "digits: 29 bits), 123#R (remote) or 123#R4; for dump identifiers such as 181 or 200-27F, "
-        "which are shown only. SLAVE: position or name of the terminal; not needed if there is one",
+        help="[SLAVE] and what follows. For send: frames such as 601#4000100000000000, 18FF0001#01 "
+        "(8 digits: 29 bits), 123#R (remote) or 123#R4. For dump: the identifiers that are shown, "
+        "such as 181 or 200-27F. SLAVE: the terminal, by position or name, if there are several",
     )
     command.add_argument(
         "-L", "--log", action="store_true", help="for dump: lines of a log file, as `candump -L`"
@@ -74,8 +74,8 @@ def _channel(client: Client, words: list[str]) -> tuple[CanChannel, list[str]]:
     there = client.can_terminals()
     if not there:
         raise UsageError(
-            f"bus '{client.name}' has no CAN terminal: add [slave.can] to the [[slave]] table of one "
-            "in the configuration of ecatd"
+            f"bus '{client.name}' has no CAN terminal: add [slave.can] to the [[slave]] table of "
+            "one in the configuration of ecatd"
         )
     slaves = client.slaves()
     names = {slaves[position].name: position for position in there}

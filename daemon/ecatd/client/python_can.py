@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from can import (
@@ -236,16 +237,12 @@ class EcatdBus(BusABC):
         if not hasattr(self, "_out"):  # the constructor has failed
             return
         if self._claimed and not self._writer.closed:
-            try:
+            with suppress(EcatError):  # then the daemon drops what still waits
                 self._out.flush(_FLUSH)
                 self._out.release()
-            except EcatError:
-                pass  # the daemon has dropped them already, or drops them now
         for client in (self._writer, self._reader):
-            try:
+            with suppress(EcatError):  # another thread still receives; it ends with its next call
                 client.close()
-            except EcatError:  # another thread still receives; it ends with its next call
-                pass
 
     # --- state ------------------------------------------------------------------------------------
 

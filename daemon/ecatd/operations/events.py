@@ -332,9 +332,9 @@ KINDS: Mapping[str, Kind] = {
             "can_state",
             "warning",
             "The CAN controller of a terminal has another state",
-            "With errors, check cable and termination of the CAN bus, the bit rate of all nodes, and "
-            "that at least one other node is on. A terminal that is bus-off takes part again by "
-            "itself, or after `ecatctl state {slave} PREOP` and `ecatctl state {slave} OP`. See: "
+            "With errors, check cable and termination of the CAN bus, the bit rate of all nodes, "
+            "and that at least one other node is on. ecatd has a terminal that is bus-off take "
+            "part again after `bus_off_restart_ms` of its [slave.can](can.md#bus-off). See: "
             "`ecatctl can stats`.",
             ("slave", "state", "cycle"),
             {"state": "`stopped`, `active`, `warning`, `passive` or `bus_off`"},
@@ -366,8 +366,8 @@ KINDS: Mapping[str, Kind] = {
             "can_overflow",
             "warning",
             "A terminal has lost CAN frames that it received",
-            "Its queue was full. Exchange it more often, or let [filters](can.md#configuration) pass "
-            "only what is needed.",
+            "Its queue was full. Exchange it more often, or let [filters](can.md#configuration) "
+            "pass only what is needed.",
             ("slave", "cycle"),
         ),
         Kind(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, NotRequired, Union, cast, get_args, get_orig
 from ecatd.operations.bus import Event
 from ecatd.operations.events import FACTS, KINDS, Kind
 from ecatd.operations.operation import Operation
-from ecatd.operations.statistics import Distribution, DomainStatistics, Statistics
+from ecatd.operations.statistics import CanStatistics, Distribution, DomainStatistics, Statistics
 from ecatd.shm import contract as shm
 
 from .. import page_parts

@@ -113,8 +113,8 @@ class CanWatch:
                 facts["reason"] = reason.name.lower()
             case EventType.CAN_REFUSED:
                 text = (
-                    f"a CAN frame of {client} for {label} was not sent: {_identifier(event.value)} is "
-                    "reserved by another client, or the frame is malformed"
+                    f"a CAN frame of {client} for {label} was not sent: "
+                    f"{_identifier(event.value)} is reserved by another client, or it is malformed"
                 )
             case EventType.CAN_CONFLICT:
                 text = (
@@ -124,8 +124,9 @@ class CanWatch:
                 facts["owner"] = str(self._who(event.value))
             case EventType.CAN_OVERFLOW:
                 text = (
-                    f"{label} has lost CAN frames that it received, since its queue was full: exchange "
-                    "it more often, or let filters of its [slave.can] pass only what is needed"
+                    f"{label} has lost CAN frames that it received, since its queue was full: "
+                    "exchange it more often, or let filters of its [slave.can] pass only what is "
+                    "needed"
                 )
             case _:
                 text = (

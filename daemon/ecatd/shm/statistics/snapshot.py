@@ -226,8 +226,9 @@ class LongCycle:
 class Snapshot:
     """State and statistics of a bus at one time; `later - earlier` is an interval.
 
-    In an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains` and
-    `channels` are those of the interval, and so is `worst`; all other attributes are those of its end.
+    In an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains`
+    and `channels` are those of the interval, and so is `worst`; all other attributes are those of
+    its end.
 
     Attributes:
         bus: Name of the bus.
