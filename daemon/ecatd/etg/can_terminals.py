@@ -31,6 +31,9 @@ STANDARD_MAX, EXTENDED_MAX = (1 << 11) - 1, (1 << 29) - 1
 DATA_MAX = 8
 """Most data bytes of a frame."""
 
+SETTLED_PDOS = frozenset({0x1600, 0x1A00})
+"""PDOs that a terminal maps anew when its queues are set (infosys 2519220363)."""
+
 BITS = {11: 47, 29: 67}
 """Bits on the wire of a frame without data and stuff bits, and of the pause behind it (ISO 11898).
 
