@@ -145,7 +145,8 @@ class CanBus:
         if not pointer:
             raise EcatError("not enough memory for a CAN bus")
         self.pointer = ctypes.c_void_p(pointer)
-        weakref.finalize(self, self._lib.can_destroy, self.pointer)
+        # Not at the end of the process: threads may still wait for frames.
+        weakref.finalize(self, self._lib.can_destroy, self.pointer).atexit = False
 
     # --- nodes ---------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""The C library of CAN buses and terminals (simulator/can/), as ctypes sees it."""
+"""The C library of CAN buses and terminals (simulator/canbus/), as ctypes sees it."""
 
 from __future__ import annotations
 

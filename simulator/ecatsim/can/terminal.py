@@ -59,7 +59,7 @@ class TerminalPort:
         if not pointer:
             raise MemoryError
         self.pointer = ctypes.c_void_p(pointer)
-        weakref.finalize(self, self._lib.can_terminal_destroy, self.pointer)
+        weakref.finalize(self, self._lib.can_terminal_destroy, self.pointer).atexit = False
 
     @property
     def program(self) -> tuple[int, int]:
