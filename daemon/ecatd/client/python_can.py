@@ -108,8 +108,8 @@ class EcatdBus(BusABC):
             there = self._in.info.bit_rate
             if bitrate not in (None, there):
                 raise CanInitializationError(
-                    f"{name} has a bit rate of {there}, not {bitrate}: leave bitrate out, or change "
-                    "bit_rate of its [slave.can] in the configuration of ecatd"
+                    f"{name} has a bit rate of {there}, not {bitrate}: leave bitrate out, or "
+                    "change bit_rate of its [slave.can] in the configuration of ecatd"
                 )
             if self._reserve:
                 self._claim()
