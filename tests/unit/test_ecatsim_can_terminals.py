@@ -168,7 +168,7 @@ def test_bus_off_stays_until_init():
     assert rig.keeper.frames == []
     assert rig.master.bench.request(INIT) == (INIT, 0)
     assert rig.can.status.state == NodeState.NO_POWER
-    rig.master.pending = []
+    rig.master.can.pending = []
     rig.start()
     rig.cycles(2)
     assert not rig.master.status("bus_off")
@@ -253,8 +253,8 @@ def test_fast_mode_gives_each_cycle_what_came_in_it():
     inputs = rig.master.inputs()
     assert layout.inputs.rx_counter.read(inputs) == 2
     assert layout.inputs.rx_count.read(inputs) == 1
-    assert rig.master.frame(inputs, 0).id == 0x7F
-    assert rig.master.frame(inputs, 1).id == 1  # an old one
+    assert rig.master.can.frame(inputs, 0).id == 0x7F
+    assert rig.master.can.frame(inputs, 1).id == 1  # an old one
 
 
 def test_the_process_data_follow_the_queues():
