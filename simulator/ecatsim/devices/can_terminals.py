@@ -32,6 +32,7 @@ _BUS, _CONFIGURATION, _FILTERS, _DIAGNOSIS = 0xF800, 0x8000, 0x8001, 0xF108
 _RATE, _KEPT_AT = 0x02, 0x0F
 _FLAGS, _RECEIVE, _SEND = 0x20, 0x21, 0x22
 _EXTENDED = 0x0008
+_BUFFERS, _ONE_BUFFER = 0x03, 0x02  # bits of the control byte of a sync manager
 _QUEUE, _KEPT = 10, 100
 _MAX_FILTERS = 32
 _U8, _U16, _U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
@@ -83,6 +84,14 @@ class CanTerminal(Device):
         kept: int = 0,
     ) -> None:
         self._handshake, self._mode, self._kept = handshake_cycles, Mode(mode), kept
+        if self._mode is Mode.OPTIMIZED:
+            self.sync_managers = (
+                *self.sync_managers[:2],
+                *(
+                    replace(sm, control=sm.control & ~_BUFFERS | _ONE_BUFFER)
+                    for sm in self.sync_managers[2:]
+                ),
+            )
         self.rx_pdos, self.tx_pdos = self._pdos(min(self.told.layouts), *self._first_queues)
         self.plug(bus or CanBus())
         super().__init__()
