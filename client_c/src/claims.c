@@ -1,6 +1,7 @@
 /* Claims: the ownership of outputs, and its lease. */
 #include "internal.h"
 
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -60,8 +61,9 @@ int ecat_check_output(ecat_t *bus, int number) {
                    ecat_shown(bus->slaves[entry->slave].name));
 }
 
-int ecat_is_copy(const ecat_t *bus, int number) {
-  return __atomic_load_n(&bus->outputs[number].state, __ATOMIC_RELAXED) == ECAT_OUTPUTS_COPIED;
+int ecat_is_reserved(const ecat_t *bus, int number) {
+  uint32_t state = __atomic_load_n(&bus->outputs[number].state, __ATOMIC_RELAXED);
+  return state == ECAT_OUTPUTS_COPIED || state == ECAT_OUTPUTS_CAN;
 }
 
 /* The program name in a slot. The client wrote it, so characters that could change a terminal or a log
@@ -80,11 +82,28 @@ static int is_here(const ecat_out_slot *slot) {
   return theirs == ours || theirs == 0 || ours == 0;
 }
 
-/* Sets the error text for an output that cannot be claimed because an input is copied to it. */
-static int refused_copy(ecat_t *bus, int number) {
+void ecat_client_name(ecat_t *bus, int slot, char text[96]) {
+  const ecat_out_slot *other = ecat_slot_of(bus, slot);
+  char program[33];
+  text[0] = '\0';
+  if (other == NULL) return;
+  name_of(other, program);
+  snprintf(text, 96, "%s (pid %u%s)", program[0] != '\0' ? program : "another client", (unsigned)other->pid,
+           is_here(other) ? "" : " in another PID namespace");
+}
+
+/* Sets the error text for an output that cannot be claimed because the daemon writes it. */
+static int refused_reserved(ecat_t *bus, int number) {
   uint32_t source = bus->outputs[number].source;
   const ecat_shm_signal *entry = &bus->signals[number];
   const ecat_shm_signal *from = &bus->signals[source < bus->header->signal_count ? source : 0];
+  if (__atomic_load_n(&bus->outputs[number].state, __ATOMIC_RELAXED) == ECAT_OUTPUTS_CAN)
+    return ecat_fail(bus, ECAT_EOWNED,
+                     "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon exchanges "
+                     "CAN frames with it ([slave.can] in its configuration); send frames instead, as with "
+                     "`ecatctl can send`",
+                     entry->index, entry->subindex, entry->slave,
+                     ecat_shown(bus->slaves[entry->slave].name), bus->name);
   if (source >= bus->header->signal_count)
     return ecat_fail(bus, ECAT_EOWNED,
                      "output 0x%04X:%02X of slave %d (%s) of bus '%s' cannot be claimed: the daemon copies "
@@ -108,7 +127,7 @@ static int refused(ecat_t *bus, int conflict) {
   if (conflict < 0 || conflict >= ecat_signal_count(bus))
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   entry = &bus->signals[conflict];
-  if (ecat_is_copy(bus, conflict)) return refused_copy(bus, conflict);
+  if (ecat_is_reserved(bus, conflict)) return refused_reserved(bus, conflict);
   other = ecat_slot_of(bus, __atomic_load_n(&bus->outputs[conflict].owner, __ATOMIC_ACQUIRE));
   if (other == NULL)
     return ecat_fail(bus, ECAT_EOWNED, "the outputs of slave %d were owned a moment ago; try again",
@@ -134,21 +153,38 @@ static int begin_claim(ecat_t *bus, double lease) {
   if (!(lease >= 0)) return ecat_fail(bus, ECAT_EARG, "%g s is no lease", lease);
   if ((code = ecat_slot_take(bus)) != 0) return code;
   if (ecat_slot_lapsed(bus)) ecat_slot_begin(bus);
+  if (ecat_can_beats(bus))
+    return ecat_fail(bus, ECAT_EARG, "this connection sends on a CAN channel without a lease of its own: own outputs "
+                     "with another connection, or claim the channel with a lease");
   memset(bus->wish, 0, bus->sets * sizeof *bus->wish);
   return 0;
 }
 
-/* Writes the claims that this client has into its slot, without `bus->wish`. */
-static void want_claims(ecat_t *bus) {
-  memcpy(bus->out_claims, bus->claims, bus->sets * sizeof *bus->claims);
-  bus->out->lease_ns = bus->longest_ns;
+/* The lease that the slot needs, if outputs need `outputs_ns`. */
+static uint64_t lease_of(const ecat_t *bus, uint64_t outputs_ns) {
+  uint64_t can_ns = ecat_can_lease(bus);
+  return outputs_ns > can_ns ? outputs_ns : can_ns;
 }
 
-/* Takes a refused claim back. The call does not wait: the engine sees the change one cycle later. */
-static void withdraw(ecat_t *bus) {
+/* Writes what this client has into its slot, without `bus->wish`. */
+static void want_claims(ecat_t *bus) {
+  memcpy(bus->out_claims, bus->claims, bus->sets * sizeof *bus->claims);
+  bus->out->lease_ns = lease_of(bus, bus->longest_ns);
+  ecat_can_want(bus);
+}
+
+void ecat_claims_withdraw(ecat_t *bus) {
   if (bus->slot < 0) return; /* there is no daemon any more */
   want_claims(bus);
   __atomic_store_n(&bus->doorbell->claim_seq, bus->doorbell->claim_seq + 1, __ATOMIC_RELEASE);
+}
+
+int ecat_claims_ring(ecat_t *bus, int *conflict) {
+  int code;
+  want_claims(bus);
+  if ((code = ring_claims(bus)) != 0) return code;
+  *conflict = __atomic_load_n(&bus->slot_status[bus->slot].claim_conflict, __ATOMIC_RELAXED);
+  return 0;
 }
 
 /* Adds the granted outputs to the claims. A repeated claim may lengthen a lease, but not shorten it. */
@@ -172,14 +208,14 @@ static int claim(ecat_t *bus, double lease) {
   for (i = 0; i < bus->sets; i++) more |= bus->wish[i] & ~bus->claims[i];
   if (more != 0 || longer) {
     for (i = 0; i < bus->sets; i++) bus->out_claims[i] = bus->claims[i] | bus->wish[i];
-    bus->out->lease_ns = longer ? lease_ns : bus->longest_ns;
+    bus->out->lease_ns = lease_of(bus, longer ? lease_ns : bus->longest_ns);
     if ((code = ring_claims(bus)) != 0) {
-      withdraw(bus); /* otherwise an engine that was only late could still grant it */
+      ecat_claims_withdraw(bus); /* otherwise an engine that was only late could still grant it */
       return code;
     }
     conflict = __atomic_load_n(&bus->slot_status[bus->slot].claim_conflict, __ATOMIC_RELAXED);
     if (more != 0 && conflict != -1) {
-      withdraw(bus);
+      ecat_claims_withdraw(bus);
       return refused(bus, conflict);
     }
   }
@@ -245,7 +281,7 @@ static void wish_slave(ecat_t *bus, int position) {
   const ecat_shm_slave *slave = &bus->slaves[position];
   uint32_t i;
   for (i = slave->signals_first; i < slave->signals_first + slave->signals_count; i++)
-    if (bus->signal[i].output && !ecat_is_copy(bus, (int)i)) set_add(bus->wish, i);
+    if (bus->signal[i].output && !ecat_is_reserved(bus, (int)i)) set_add(bus->wish, i);
 }
 
 int ecat_claim(ecat_t *bus, int position, double lease) {
@@ -264,9 +300,11 @@ int ecat_release(ecat_t *bus, int position) {
 }
 
 void ecat_release_all(ecat_t *bus) {
+  int i;
   if (bus->map == NULL) return;
   ecat_slot_forget(bus);
   bus->lost = LOST_NOTHING;
+  for (i = 0; i < ecat_can_count(bus); i++) bus->can_use[i].lost = 0;
   memset(bus->ended, 0, sizeof bus->ended);
 }
 

@@ -55,6 +55,19 @@ struct snapshot {
   int fresh;             /* the daemon was delivering when the sample was taken */
 };
 
+/* What this client does on a CAN channel. */
+struct can_use {
+  int listens;          /* `next` is valid */
+  uint64_t next;        /* record to be read next */
+  uint64_t missed;
+  int sends;            /* this client is a sender */
+  int lost;             /* it was one, until its lease or the daemon ended */
+  uint64_t lease_ns;    /* 0: a thread gives the signs of life */
+  uint32_t written;     /* frames in its queue so far */
+  ecat_can_range ranges[ECAT_CAN_RANGES];
+  uint32_t range_count;
+};
+
 struct ecat_client {
   char name[32];
   char error[512];
@@ -72,6 +85,8 @@ struct ecat_client {
   const ecat_shm_output *outputs;
   const ecat_shm_slot_status *slot_status;
   const ecat_shm_reply *replies;
+  const ecat_shm_can *can;
+  const ecat_shm_can_sender *can_senders;
 
   /* Copies of the tables that never change while a daemon lives. They keep their address when the daemon
    * comes back, since programs have pointers to the texts in them. */
@@ -109,6 +124,7 @@ struct ecat_client {
   int handle[ECAT_REQUESTS];       /* of the last request in each cell; reused after 2^24 requests */
   unsigned handles;
   uint8_t ended[ECAT_REQUESTS]; /* 1: the request ended with the daemon, and was not polled since */
+  struct can_use can_use[ECAT_MAX_CAN];
   enum lost lost;        /* why the claims ended, until outputs are claimed again */
   const char *program;   /* name in messages; NULL: "this client", and messages advise to claim again */
   struct ecat_life *life; /* tells the engine when this process ends, see life.c; NULL: nothing does */
@@ -121,8 +137,23 @@ __attribute__((format(printf, 3, 4))) int ecat_fail(ecat_t *bus, int code, const
 uint64_t ecat_now(void);
 uint64_t ecat_ns(double seconds);
 
-/* claims.c: whether the daemon copies an input to an output, so that no client can own it. */
-int ecat_is_copy(const ecat_t *bus, int number);
+/* claims.c */
+/* Whether the daemon itself writes an output, so that no client can own it. */
+int ecat_is_reserved(const ecat_t *bus, int number);
+/* Has the engine carry out what this client has by now: outputs in `claims`, and CAN channels. Returns 0 with
+ * `*conflict`, see `claim_conflict` of ecat_shm_slot_status. */
+int ecat_claims_ring(ecat_t *bus, int *conflict);
+/* Takes a refused claim back: the engine sees what this client has one cycle later. */
+void ecat_claims_withdraw(ecat_t *bus);
+/* The client in a slot, as it calls itself, for messages; empty if that is not known. */
+void ecat_client_name(ecat_t *bus, int slot, char text[96]);
+
+/* can.c */
+void ecat_can_want(ecat_t *bus);    /* writes its channels into its slot */
+void ecat_can_begin(ecat_t *bus);   /* a new generation of the slot sends nothing */
+void ecat_can_lose(ecat_t *bus);    /* the slot is gone */
+uint64_t ecat_can_lease(const ecat_t *bus); /* longest lease of its channels; 0: it sends on none */
+int ecat_can_beats(const ecat_t *bus);      /* whether a thread gives the signs of life */
 
 /* files.c: ecat_shm_folder(), ecat_shm_open(), ecat_shm_find() */
 
@@ -179,6 +210,8 @@ const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client; NULL
 /* life.c */
 void ecat_life_begin(ecat_t *bus);  /* after the lock of the slot is taken; without a thread, only the lease tells */
 uint32_t ecat_life_word(const ecat_t *bus); /* for the doorbell */
+/* Has the thread of ecat_life_begin() give signs of life, every `period_ns`; 0: no more. */
+int ecat_life_beat(ecat_t *bus, uint64_t period_ns);
 void ecat_life_end(ecat_t *bus);    /* before the lock is released */
 void ecat_life_forget(ecat_t *bus); /* in a forked child: the thread is that of the parent */
 

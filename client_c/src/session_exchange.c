@@ -57,7 +57,7 @@ static int claim(ecat_session *session) {
   for (i = 0; i < count && ecat_signal(session->bus, i, &info) == 0; i++) {
     if (info.slave != last) wanted = writes(session, info.slave);
     last = info.slave;
-    if (info.output && wanted && !ecat_is_copy(session->bus, i)) signals[found++] = i;
+    if (info.output && wanted && !ecat_is_reserved(session->bus, i)) signals[found++] = i;
   }
   code = ecat_claim_entries(session->bus, signals, found, session->settings.lease);
   if (code == ECAT_EOWNED) {
@@ -108,7 +108,7 @@ static int stage(ecat_session_slave *slave) {
     code = claim(session);
   }
   for (entry = slave->entries; entry != NULL && code == 0; entry = entry->next)
-    if (entry->pending && !ecat_is_copy(session->bus, entry->signal) &&
+    if (entry->pending && !ecat_is_reserved(session->bus, entry->signal) &&
         (code = stage_entry(session->bus, entry)) < 0)
       ecat_session_fail(session, code, "%s%s", session_heading(slave), ecat_error(session->bus));
   return code;

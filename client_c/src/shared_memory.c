@@ -142,7 +142,7 @@ static int check_tables(ecat_t *bus) {
   unsigned i;
   int code;
   if (h->slave_count > ECAT_MAX_SLAVES || h->domain_count > ECAT_MAX_DOMAINS ||
-      h->slot_count > ECAT_SLOTS || h->output_bytes > bus->map_size || h->cycle_time_ns == 0)
+      h->slot_count > ECAT_SLOTS || h->can_count > ECAT_MAX_CAN || h->output_bytes > bus->map_size || h->cycle_time_ns == 0)
     return damaged(bus, "header");
   if (!table_fits(bus, h->slaves_offset, h->slave_count, sizeof(ecat_shm_slave)) ||
       !table_fits(bus, h->signals_offset, h->signal_count, sizeof(ecat_shm_signal)) ||
@@ -154,12 +154,17 @@ static int check_tables(ecat_t *bus) {
                   sizeof(ecat_shm_reply)) ||
       !table_fits(bus, h->domain_status_offset, h->domain_count, sizeof(ecat_shm_domain_status)) ||
       !table_fits(bus, h->settings_offset, ECAT_SETTINGS, sizeof(ecat_shm_setting)) ||
-      !table_fits(bus, h->health_offset, 1, sizeof(ecat_shm_health)))
+      !table_fits(bus, h->health_offset, 1, sizeof(ecat_shm_health)) ||
+      !table_fits(bus, h->can_offset, h->can_count, sizeof(ecat_shm_can)) ||
+      !table_fits(bus, h->can_senders_offset, (uint64_t)h->slot_count * h->can_count,
+                  sizeof(ecat_shm_can_sender)))
     return damaged(bus, "tables");
   bus->slave_status = (const void *)(bus->map + h->slave_status_offset);
   bus->outputs = (const void *)(bus->map + h->outputs_offset);
   bus->slot_status = (const void *)(bus->map + h->slot_status_offset);
   bus->replies = (const void *)(bus->map + h->replies_offset);
+  bus->can = (const void *)(bus->map + h->can_offset);
+  bus->can_senders = (const void *)(bus->map + h->can_senders_offset);
 
   if (copy_tables(bus) != 0) return ecat_fail(bus, ECAT_ESYS, "out of memory");
   bus->signal = calloc(h->signal_count + 1, sizeof *bus->signal);
@@ -187,6 +192,10 @@ static int check_tables(ecat_t *bus) {
     if ((code = check_slave(bus, i)) != 0) return code;
   for (i = 0; i < h->signal_count; i++)
     if ((code = check_signal(bus, i)) != 0) return code;
+  for (i = 0; i < h->can_count; i++)
+    if (bus->can[i].slave >= h->slave_count ||
+        !table_fits(bus, bus->can[i].records_offset, ECAT_CAN_RECORDS, sizeof(ecat_shm_can_record)))
+      return damaged(bus, "CAN channel");
   place_signals(bus);
   return 0;
 }
@@ -326,6 +335,10 @@ static int check_same(ecat_t *fresh, const ecat_t *bus) {
                      "%u entries now, and had %u with %u; open it again",
                      bus->name, (unsigned)now->slave_count, (unsigned)now->signal_count,
                      (unsigned)before->slave_count, (unsigned)before->signal_count);
+  if (now->can_count != before->can_count)
+    return ecat_fail(fresh, ECAT_EBUS,
+                     "bus '%s' came back with %u CAN channels instead of %u; open it again", bus->name,
+                     (unsigned)now->can_count, (unsigned)before->can_count);
   if (now->domain_count != before->domain_count)
     return ecat_fail(fresh, ECAT_EBUS,
                      "bus '%s' came back with %u domains instead of %u; open it again", bus->name,
@@ -369,6 +382,11 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   memcpy(fresh->ended, bus->ended, sizeof fresh->ended);
   memcpy(fresh->handle, bus->handle, sizeof fresh->handle);
   fresh->handles = bus->handles;
+  for (i = 0; i < h->can_count; i++) { /* reading goes on with the first record of the new daemon */
+    fresh->can_use[i].listens = bus->can_use[i].listens;
+    fresh->can_use[i].missed = bus->can_use[i].missed;
+    fresh->can_use[i].lost = bus->can_use[i].lost || bus->can_use[i].sends;
+  }
   bus->tables = NULL;
   keep_images(bus, fresh);
   ecat_slot_free(bus); /* ecat_output() may have mapped the old one again */

@@ -55,8 +55,12 @@ static int out_fits(const ecat_t *bus) {
              sizeof(ecat_out_image) + 2 * (((uint64_t)bus->header->output_bytes + 7) / 8 * 8) &&
          header->claims_offset >= sizeof(ecat_out_slot) + ECAT_REQUESTS * sizeof(ecat_out_request) &&
          header->images_offset >= (uint64_t)header->claims_offset + 8 * bus->sets &&
-         header->slot_stride >=
-             header->images_offset + (uint64_t)ECAT_IMAGES * header->image_stride &&
+         header->can_offset % 8 == 0 && header->can_queues_offset % 8 == 0 &&
+         header->can_offset >= header->images_offset + (uint64_t)ECAT_IMAGES * header->image_stride &&
+         header->can_queues_offset >=
+             header->can_offset + (uint64_t)bus->header->can_count * sizeof(ecat_out_can) &&
+         header->slot_stride >= header->can_queues_offset + (uint64_t)bus->header->can_count * ECAT_CAN_QUEUE *
+                                                                sizeof(ecat_out_can_frame) &&
          header->doorbells_offset + (uint64_t)header->slot_count * sizeof(ecat_out_doorbell) <=
              bus->out_size &&
          header->slots_offset + (uint64_t)header->slot_count * header->slot_stride <= bus->out_size;
@@ -134,6 +138,7 @@ void ecat_slot_begin(ecat_t *bus) {
   bus->out->pid_namespace = namespace;
   /* Clears requests, claims and anything that a later version may have put between them. */
   memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
+  ecat_can_begin(bus);
   bus->doorbell->life = ecat_life_word(bus);
   /* The counters in the doorbell continue where the last client of the slot left them: a repeated number
    * could be taken for the earlier one (tests/proof/claim.pml, request.pml). */
@@ -153,7 +158,7 @@ int ecat_slot_lapsed(const ecat_t *bus) {
   /* The claims were granted to this generation. If the engine has seen another one since, another program
    * has written over the slot. */
   if (__atomic_load_n(&status->generation, __ATOMIC_ACQUIRE) != bus->generation)
-    return bus->bytes > 0;
+    return bus->bytes > 0 || ecat_can_lease(bus) > 0;
   return __atomic_load_n(&status->state, __ATOMIC_RELAXED) == ECAT_SLOT_LAPSED;
 }
 
@@ -204,6 +209,7 @@ void ecat_slot_free(ecat_t *bus) {
 
 void ecat_slot_forget(ecat_t *bus) {
   int i;
+  ecat_can_lose(bus);
   if (bus->bytes > 0) bus->lost = LOST_DAEMON;
   for (i = 0; i < ECAT_REQUESTS; i++) {
     if (bus->request[i] != 0) bus->ended[i] = 1;

@@ -172,12 +172,12 @@ int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor
     from = &c->signals[source];
   }
   if (target >= c->header->signal_count || !c->signals[target].output ||
-      set_has(c->copied, target) || c->started)
+      set_has(c->reserved, target) || c->started)
     return -EINVAL;
   copy = add(c, from, target, factor, offset, controlword);
   if (copy == NULL) return -ENOMEM;
   set_drop(c->claimable, target);
-  set_add(c->copied, target);
+  set_add(c->reserved, target);
   c->output[target].source = source;
   tell(c, copy, ECAT_REASON_SOURCE);
   return 0;

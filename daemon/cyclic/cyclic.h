@@ -38,7 +38,13 @@ enum cyclic_event_type {
   CYCLIC_EVENT_REFUSED = 10, /* a value of slot is out of the declared range; value: signal */
   CYCLIC_EVENT_MALFORMED = 11, /* content of slot is malformed; value: generation */
   CYCLIC_EVENT_STOPPED = 12, /* stop of a drive of slave is over; value 1: it stands still, 0: time-out */
-  CYCLIC_EVENT_CONFLICT = 13 /* slot is refused outputs of slave; value: signal with another owner */
+  CYCLIC_EVENT_CONFLICT = 13, /* slot is refused outputs of slave; value: signal with another owner */
+  CYCLIC_EVENT_CAN_STATE = 14, /* CAN controller of slave; value: ecat_can_state */
+  CYCLIC_EVENT_CAN_ENDED = 15, /* slot no longer sends on the CAN channel of slave; value: ecat_reason */
+  CYCLIC_EVENT_CAN_REFUSED = 16, /* a CAN frame of slot for slave was not sent; value: its id */
+  CYCLIC_EVENT_CAN_CONFLICT = 17, /* slot is refused identifiers of slave; value: slot that has them */
+  CYCLIC_EVENT_CAN_OVERFLOW = 18, /* slave has lost CAN frames that it received */
+  CYCLIC_EVENT_CAN_MALFORMED = 19 /* slave says that it delivers `value` frames, which cannot be */
 };
 
 typedef struct cyclic_event {
@@ -119,7 +125,48 @@ CYCLIC_API int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, do
  * brought to a stop, the output stays as it is. Call it after cyclic_set_safe() and cyclic_set_stop(), and
  * before cyclic_set_copy() and cyclic_start(). */
 CYCLIC_API int cyclic_set_follow(cyclic_t *c, uint32_t source, uint32_t target, int32_t controlword);
-/* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */
+/* A number in the process data of a CAN terminal: a little-endian word of 1, 2 or 4 bytes from byte `at` on,
+ * shifted right by `shift` and masked. `mask` 0: there is no such number. */
+typedef struct cyclic_can_field {
+  uint32_t at, bytes, shift, mask;
+} cyclic_can_field;
+
+/* The CAN frames in the process data of a terminal. The fields lie relative to the first byte of a frame. */
+typedef struct cyclic_can_messages {
+  uint32_t first, stride; /* byte of the first one, and from one to the next */
+  uint32_t data;          /* first of the 8 bytes of data, relative to the frame */
+  cyclic_can_field identifier, extended, remote, length;
+  cyclic_can_field transaction; /* of frames that are sent: a number that the terminal confirms */
+} cyclic_can_messages;
+
+/* A terminal with a CAN bus behind it (see can.c). Fields of inputs lie relative to the inputs of the slave,
+ * fields of outputs to its outputs. */
+typedef struct cyclic_can {
+  uint32_t slave;
+  uint32_t handshake;     /* 1: the terminal and the master wait for each other; 0: a batch in each cycle */
+  cyclic_can_field send_echo, receive_counter, receive_count, transaction; /* inputs */
+  cyclic_can_field bus_off, passive, warning, overflow, send_errors, receive_errors; /* inputs */
+  cyclic_can_field send_counter, receive_echo, send_count; /* outputs */
+  cyclic_can_messages received, sent;
+} cyclic_can;
+
+/* A CAN frame that is sent when a client that has sent on the channel ends. */
+typedef struct cyclic_can_safe {
+  uint32_t id, length;    /* as in ecat_out_can_frame */
+  uint8_t data[8];
+  uint64_t period_cycles; /* 0: it is sent once */
+  uint32_t ended;         /* 1: also if the client ends in order; 0: only if it dies or loses its lease */
+  uint32_t range_count;   /* 0: of any client; else of those that have sent an identifier in a range */
+  struct { uint32_t first, last; } ranges[128]; /* see ecat_can_range */
+} cyclic_can_safe;
+
+/* Adds the next channel of the ecat_shm_can table. The engine writes the outputs of the slave from now on, and
+ * no client can claim them. Call it before cyclic_start(). 0, -EINVAL or -ENOMEM. */
+CYCLIC_API int cyclic_add_can(cyclic_t *c, const cyclic_can *terminal);
+/* Adds a safe frame to the channel that was added last. 0, -EINVAL or -ENOSPC (there may be 32). */
+CYCLIC_API int cyclic_add_can_safe(cyclic_t *c, const cyclic_can_safe *frame);
+/* Number of drives that are being stopped, and of safe CAN frames that have not been sent yet; valid from two
+ * cycles after cyclic_make_safe() on. */
 CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
 /* Starts the thread. Returns 0 or -errno. The thread starts even if the system refuses a real-time
  * setting; cyclic_..._error() returns the errno of the refusal (0: granted). */

@@ -91,6 +91,7 @@ static void exchange(cyclic_t *c, uint64_t receive_until) {
   for (i = 0; i < c->domains; i++)
     if (c->due >> i & 1) conclude_domain(c, i, received);
   cyclic_publish_bus(c);
+  if (c->cans > 0) cyclic_can_receive(c, received);
 }
 
 static void adopt_sockets(cyclic_t *c) {
@@ -179,6 +180,7 @@ void cyclic_run(cyclic_t *c) {
     cyclic_slots_read(c);
     cyclic_outputs_stop_drives(c);
     if (c->copies > 0) cyclic_copies_run(c);
+    if (c->cans > 0) cyclic_can_send(c);
     choose_domains(c);
     exchange(c, patience(c, period));
     cyclic_slots_publish(c);

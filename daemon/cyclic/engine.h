@@ -112,6 +112,7 @@ struct slot {
   uint64_t *mask, *active; /* bits of the output image that the client owns, and that it has written */
   uint64_t beat_ns, lease_ns;
   uint64_t commit_ns, sample_cycle; /* of a commit that goes out in this cycle; 0: none */
+  uint32_t can_seq, can_sends;      /* can_sends: bit per CAN channel on which the client sends */
   int told_malformed;
 };
 
@@ -214,7 +215,7 @@ struct cyclic {
   uint8_t *outputs, *safe, *hold; /* output images */
   uint8_t *slot_image;            /* ecat_out_image with its mask and values, as read */
   uint64_t *claimable, *wanted;   /* sets of signals: outputs that may have an owner; claims as read */
-  uint64_t *copied;               /* set of signals: outputs that an input is copied to */
+  uint64_t *reserved;             /* set of signals: outputs that the engine writes itself, by copies and for CAN */
   void *output_memory;            /* memory of these sets and of the sets of the slots */
   struct limits *limits, *wanted_limits; /* wanted: set by control */
   struct stop *stop_sequence;
@@ -222,6 +223,9 @@ struct cyclic {
   uint32_t copies;
   uint32_t stops, stopping;       /* stopping: drives that are being stopped now */
   int make_safe, restart;         /* set by control */
+  struct can_channel *can;        /* see can.h */
+  uint32_t cans, can_news;        /* can_news: bits as in ECAT_WAKE_CAN: channels with new records */
+  uint32_t can_stopping;          /* safe frames that have not been sent yet */
   uint32_t attend;                /* set by control: new value for `attended`; 0: already taken over */
   uint32_t attended;              /* cycles left until outputs become safe; 0: never called, or too late */
 
@@ -294,13 +298,27 @@ void cyclic_slots_publish(cyclic_t *c);   /* at the end of the cycle */
 /* Ends the claims of all clients that own outputs in a domain. */
 void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
 
+/* can.c */
+void cyclic_can_send(cyclic_t *c);    /* before sending: puts frames of clients into the outputs */
+void cyclic_can_receive(cyclic_t *c, uint64_t time_ns); /* after the exchange: takes them out of the inputs */
+void cyclic_can_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size));
+
+/* can_senders.c */
+/* The client of a slot has put frames into its queues. */
+void cyclic_can_look(cyclic_t *c, uint32_t number);
+/* Carries out the claims of a slot on CAN channels. Returns CYCLIC_CONFLICT_NONE, or CYCLIC_CONFLICT_CAN - n
+ * if another client has reserved identifiers of channel n; then the slot gets nothing new. */
+int32_t cyclic_can_claim(cyclic_t *c, uint32_t number);
+/* Ends all that a slot sends; `reason` is an ecat_reason. Returns whether it sent on any channel. */
+int cyclic_can_drop(cyclic_t *c, uint32_t number, uint32_t reason);
+
 /* copies.c */
 void cyclic_copies_run(cyclic_t *c); /* in every cycle, after the commits of clients */
 /* The values that a copy may have, as the signal table says now. */
 struct copy_limit cyclic_copy_limit(const cyclic_t *c, const struct copy *copy);
 
 /* outputs.c */
-enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };
+enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2, CYCLIC_CONFLICT_CAN = -3 };
 int cyclic_outputs_init(cyclic_t *c);
 /* Takes over other declared ranges, if control has made some; at the start of a cycle. */
 void cyclic_outputs_adopt_limits(cyclic_t *c);

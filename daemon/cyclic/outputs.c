@@ -49,7 +49,7 @@ int cyclic_outputs_init(cyclic_t *c) {
   if (at == NULL) return -ENOMEM;
   c->claimable = at;
   c->wanted = at + sets;
-  c->copied = at + 2 * sets;
+  c->reserved = at + 2 * sets;
   at += 3 * sets;
   for (i = 0; i < ECAT_SLOTS; i++) {
     struct slot *slot = &c->slot[i];
@@ -138,9 +138,12 @@ static void make_set_safe(cyclic_t *c, const uint64_t *set, int32_t number, uint
 
 void cyclic_outputs_make_all_safe(cyclic_t *c, uint32_t reason) {
   uint32_t i;
-  for (i = 0; i < ECAT_SLOTS; i++) cyclic_outputs_drop(c, i, reason);
+  for (i = 0; i < ECAT_SLOTS; i++) {
+    cyclic_outputs_drop(c, i, reason);
+    (void)cyclic_can_drop(c, i, reason);
+  }
   for (i = 0; i < c->header->signal_count; i++)
-    if (c->signals[i].output && !set_has(c->copied, i) && c->output[i].reason != reason)
+    if (c->signals[i].output && !set_has(c->reserved, i) && c->output[i].reason != reason)
       tell_owner(c, i, -1, c->output[i].state, reason);
 }
 
@@ -172,7 +175,7 @@ static int32_t find_conflict(const cyclic_t *c, const struct slot *slot) {
     uint64_t left;
     for (left = c->wanted[word] & ~slot->claims[word]; left != 0; left &= left - 1) {
       uint32_t signal = 64 * word + (uint32_t)__builtin_ctzll(left);
-      if (c->output[signal].owner >= 0 || set_has(c->copied, signal)) return (int32_t)signal;
+      if (c->output[signal].owner >= 0 || set_has(c->reserved, signal)) return (int32_t)signal;
     }
   }
   return -1;
@@ -222,7 +225,7 @@ static void take_back(cyclic_t *c, uint32_t number) {
 int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t number) {
   uint32_t word, words = claim_words(c);
   int32_t conflict;
-  for (word = 0; word < words; word++) c->wanted[word] &= c->claimable[word] | c->copied[word];
+  for (word = 0; word < words; word++) c->wanted[word] &= c->claimable[word] | c->reserved[word];
   conflict = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED) ? CYCLIC_CONFLICT_STOPPING
                                                               : find_conflict(c, &c->slot[number]);
   if (conflict == CYCLIC_CONFLICT_NONE) grant_set(c, number);

@@ -142,6 +142,7 @@ static void prefault_memory(cyclic_t *c) {
   for (i = 0; i < c->splits; i++)
     if (c->split[i].inputs != NULL) prefault(c->split[i].inputs, c->split[i].length);
   cyclic_outputs_prefault(c, prefault);
+  cyclic_can_prefault(c, prefault);
 }
 
 /* Among ordinary threads, those that ask for short slices are run sooner (Linux 6.12). */
@@ -213,7 +214,9 @@ int cyclic_affinity_error(const cyclic_t *c) { return c->affinity_error; }
 int cyclic_memory_error(const cyclic_t *c) { return c->memory_error; }
 int cyclic_slack_error(const cyclic_t *c) { return c->slack_error; }
 
-uint32_t cyclic_stopping(const cyclic_t *c) { return __atomic_load_n(&c->stopping, __ATOMIC_ACQUIRE); }
+uint32_t cyclic_stopping(const cyclic_t *c) {
+  return __atomic_load_n(&c->stopping, __ATOMIC_ACQUIRE) + __atomic_load_n(&c->can_stopping, __ATOMIC_ACQUIRE);
+}
 
 uint64_t cyclic_deadline(const cyclic_t *c) { return __atomic_load_n(&c->next_ns, __ATOMIC_RELAXED); }
 
@@ -271,5 +274,6 @@ void cyclic_free(cyclic_t *c) {
   free(c->limits);
   free(c->stop_sequence);
   free(c->copy);
+  free(c->can);
   free(c);
 }

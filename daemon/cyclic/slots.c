@@ -44,7 +44,7 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   size_t size = (c->header->signal_count + 63) / 64 * sizeof *c->wanted;
   off_t at = slot_at(c, number);
   ecat_out_slot want;
-  int32_t conflict;
+  int32_t conflict, can;
   if (pread(c->out_fd, &want, sizeof want, at) != (ssize_t)sizeof want ||
       pread(c->out_fd, c->wanted, size, at + (off_t)c->out.claims_offset) != (ssize_t)size)
     return;
@@ -52,7 +52,9 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   if (slot->lease_ns < c->header->lease_ns) slot->lease_ns = c->header->lease_ns;
   if (slot->lease_ns > c->header->lease_max_ns) slot->lease_ns = c->header->lease_max_ns;
   __atomic_store_n(&status->lease_ns, slot->lease_ns, __ATOMIC_RELAXED);
+  can = cyclic_can_claim(c, number);
   conflict = cyclic_outputs_claim(c, number);
+  if (conflict == CYCLIC_CONFLICT_NONE) conflict = can;
   __atomic_store_n(&status->claim_conflict, conflict, __ATOMIC_RELAXED);
   if (conflict >= 0) {
     counter_add(&c->health->conflicts, 1);
@@ -146,7 +148,10 @@ static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
   uint32_t generation = bell->generation;
   struct slot *slot = &c->slot[number];
   ecat_shm_slot_status *status = &c->slot_status[number];
-  cyclic_outputs_drop(c, number, why_ended(c, number, generation));
+  uint32_t why = why_ended(c, number, generation);
+  cyclic_outputs_drop(c, number, why);
+  (void)cyclic_can_drop(c, number, why);
+  slot->can_seq = bell->can_seq;
   slot->heartbeat = bell->heartbeat;
   slot->claim_seq = bell->claim_seq - 1;
   slot->commit_seq = bell->commit_seq;
@@ -165,8 +170,9 @@ static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
 
 static void lapse(cyclic_t *c, uint32_t number, uint32_t reason) {
   ecat_shm_slot_status *status = &c->slot_status[number];
-  if (c->slot[number].bytes > 0) {
-    cyclic_outputs_drop(c, number, reason);
+  int has_outputs = c->slot[number].bytes > 0;
+  if (has_outputs) cyclic_outputs_drop(c, number, reason);
+  if (cyclic_can_drop(c, number, reason) || has_outputs) {
     counter_add(&c->health->lapses, 1);
     __atomic_store_n(&status->lapses, status->lapses + 1, __ATOMIC_RELAXED);
   }
@@ -192,9 +198,9 @@ static void tell_requests(cyclic_t *c, uint32_t number, uint32_t seq) {
     __atomic_fetch_and(&c->request_told, ~bit, __ATOMIC_RELEASE);
 }
 
-/* A client that owns nothing has no lease. */
+/* A client that owns no outputs and sends on no CAN channel has no lease. */
 static int lease_has_ended(const cyclic_t *c, const struct slot *slot) {
-  return slot->bytes > 0 && c->now_ns - slot->beat_ns > slot->lease_ns;
+  return (slot->bytes > 0 || slot->can_sends != 0) && c->now_ns - slot->beat_ns > slot->lease_ns;
 }
 
 static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
@@ -216,6 +222,10 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
     if (bell->claim_seq != slot->claim_seq && c->claim_turn == number) {
       slot->claim_seq = bell->claim_seq;
       read_claims(c, number);
+    }
+    if (bell->can_seq != slot->can_seq) {
+      slot->can_seq = bell->can_seq;
+      cyclic_can_look(c, number);
     }
     if (lease_has_ended(c, slot)) lapse(c, number, ECAT_REASON_LAPSED);
   }

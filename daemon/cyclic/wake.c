@@ -16,7 +16,8 @@ static long wake(const cyclic_t *c, int most, uint32_t whom) {
 }
 
 void cyclic_wake_clients(cyclic_t *c) {
-  uint32_t whom = ECAT_WAKE_CYCLE | c->due;
+  uint32_t whom = ECAT_WAKE_CYCLE | c->due | c->can_news;
+  c->can_news = 0;
   if (wake(c, FIRST_FEW, whom) < FIRST_FEW) return;
   __atomic_fetch_or(&c->crowd, whom, __ATOMIC_RELEASE);
   syscall(SYS_futex, &c->crowd, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);

@@ -135,6 +135,38 @@ typedef struct {
   uint64_t count; /* samples in which the value could be trusted */
 } ecat_summary;
 
+/* A frame of a CAN channel, or another of its records. */
+typedef struct ecat_can_frame {
+  uint32_t id;          /* identifier with ECAT_CAN_EXTENDED (29 bits), ECAT_CAN_REMOTE */
+  uint8_t length;       /* bytes of data, 0 to 8; of a remote frame those that are asked for */
+  uint8_t kind;         /* enum ecat_can_kind; this member and those below are set by ecat_can_read() */
+  uint8_t own;          /* 1: this client has sent it */
+  uint8_t safe;         /* 1: the daemon has sent it, since the client that sends else has ended */
+  uint8_t data[8];
+  uint64_t cycle;       /* in which the terminal delivered it, or said that it was sent */
+  uint64_t time_ns;     /* CLOCK_MONOTONIC of this cycle */
+  uint64_t sender;      /* see ecat_can_sender(); 0: no client has sent it */
+  uint32_t number;      /* of a frame of a client: see ecat_can_send() */
+} ecat_can_frame;
+
+/* A CAN channel: a terminal with a CAN bus behind it. */
+typedef struct ecat_can_info {
+  int slave;            /* position of the terminal */
+  unsigned bit_rate;    /* bits in a second */
+  unsigned identifier_bits; /* 11, or 29: both kinds of frames */
+  unsigned receive_queue, send_queue; /* frames in one batch */
+  int state;            /* enum ecat_can_state */
+  unsigned send_errors, receive_errors; /* counters of the CAN controller */
+  unsigned reserved;    /* ranges of identifiers that clients have reserved */
+  unsigned safe_active; /* safe frames that are being sent */
+  /* Since the start of the daemon, see ecat_shm_can: */
+  uint64_t received, sent, safe, unsent, dropped, refused, overflows, bus_offs, restarts;
+  /* Of this client: */
+  uint64_t missed;      /* records that it has read too late */
+  unsigned waiting;     /* frames in its queue */
+  unsigned own_sent, own_refused, own_unsent; /* frames since it has claimed the channel */
+} ecat_can_info;
+
 /* --- Connecting ------------------------------------------------------------------------------- */
 
 /* Connects to the bus `name` (NULL: "ecat0"). After a failure *bus is still set, for ecat_error(), and
@@ -288,6 +320,52 @@ ECAT_API int ecat_wait(ecat_t *bus, unsigned cycles, double timeout);
 ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, double timeout);
 /* Number of the last finished cycle. */
 ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
+
+/* --- CAN behind a terminal -------------------------------------------------------------------- */
+
+/* Any number of clients read all frames of a channel, and all of those that have claimed it send: their
+ * frames go into one queue in fair turns. All of this is docs/can.md. None of these calls but ecat_can_wait(),
+ * ecat_can_flush() and the claims wait, or enter the kernel. */
+
+/* Channels are numbered from 0 without gaps, in the order of their terminals. */
+ECAT_API int ecat_can_count(const ecat_t *bus);
+/* The channel of the terminal at a position, or ECAT_EBUS. */
+ECAT_API int ecat_can_find(ecat_t *bus, int position);
+ECAT_API int ecat_can(ecat_t *bus, int channel, ecat_can_info *info);
+
+/* Begins to read: the first record is the next one. ecat_can_read() does the same if there was no call. */
+ECAT_API int ecat_can_listen(ecat_t *bus, int channel);
+/* Reads the records since the last call, at most `room`, and returns how many; 0: nothing new. If this
+ * client is so late that records are gone, it goes on with the oldest that are there, and `missed` of
+ * ecat_can_info counts the others. After a restart of the daemon it goes on with the first record of the new
+ * one. With `until_cycle` not 0 it leaves records of later cycles for the next call, so that a program sees
+ * frames of the cycle of its sample. */
+ECAT_API int ecat_can_read(ecat_t *bus, int channel, ecat_can_frame *frames, size_t room,
+                           uint64_t until_cycle);
+/* What `sender` of ecat_can_frame says of frames of this client; 0: it sends none. */
+ECAT_API uint64_t ecat_can_sender(const ecat_t *bus);
+/* Waits until there is something to read, or returns ECAT_ETIMEOUT. */
+ECAT_API int ecat_can_wait(ecat_t *bus, int channel, double timeout);
+
+/* Makes this client a sender of a channel. With `count` ranges (at most ECAT_CAN_RANGES) nobody else can send
+ * these identifiers; ECAT_EOWNED if another client has reserved one of them. A range of all identifiers of one
+ * length is the whole channel. `lease` is the time in seconds without a sample, a commit, ecat_can_send() or
+ * ecat_can_read() after which the client counts as lost: its frames that wait are dropped, and the safe frames
+ * of the channel are sent ([[slave.can.safe]] in the configuration). With `lease` 0 a thread of the library gives
+ * the signs of life, so that only the end or a stop of the process counts; this connection can own no outputs
+ * then. Claiming again replaces ranges and lease. */
+ECAT_API int ecat_can_claim(ecat_t *bus, int channel, double lease, const ecat_can_range *ranges, size_t count);
+/* Ends it in order: what waits is not sent, so call ecat_can_flush() before. */
+ECAT_API int ecat_can_release(ecat_t *bus, int channel);
+/* Puts frames into the queue of this client, and returns how many. ECAT_EFULL: there is no room, because the CAN
+ * bus is slower than the program, or does not work; the error text says which. ECAT_EOWNED: another client has
+ * reserved the identifier of the first frame. ECAT_ERANGE: it is no frame that this channel can send. If such a
+ * frame is behind the first one, the call returns how many are in front of it. `number` (may be NULL) becomes the
+ * number of the last frame: the record that says that it was sent has the same. */
+ECAT_API int ecat_can_send(ecat_t *bus, int channel, const ecat_can_frame *frames, size_t count,
+                           uint32_t *number);
+/* Waits until all frames of this client were sent, refused or lost. */
+ECAT_API int ecat_can_flush(ecat_t *bus, int channel, double timeout);
 
 /* --- Requests: only ecat_wait_request() waits -------------------------------------------------- */
 

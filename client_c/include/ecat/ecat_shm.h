@@ -34,6 +34,7 @@
 #define ECAT_FIELD_2(type, name) type name[2];
 #define ECAT_FIELD_3(type, name) type name[3];
 #define ECAT_FIELD_4(type, name) type name[4];
+#define ECAT_FIELD_8(type, name) type name[8];
 #define ECAT_FIELD_16(type, name) type name[16];
 #define ECAT_FIELD_32(type, name) type name[32];
 #define ECAT_FIELD_64(type, name) type name[64];

@@ -13,14 +13,15 @@ from ecatd.etg.al import AlState
 from ecatd.shm import contract as shm
 from ecatd.shm.contract import Direction
 
-from .arguments import COUNT, INDEX, SUBINDEX, U32, refuse, seconds, whole
+from .arguments import COUNT, INDEX, SUBINDEX, U32, refuse, seconds, text, whole
+from .can import CanChannel
 from .claims import Claim, Claims
 from .connection import PADDING, Connection, text_of
 from .group import SignalGroup, Summaries
 from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
 from .requests import Request, Requests
 from .signals import Signal, make
-from .structs import QUICK, WAITING, DomainStruct, SlaveStruct
+from .structs import QUICK, WAITING, CanInfoStruct, DomainStruct, SlaveStruct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -253,6 +254,29 @@ class Client:
         if isinstance(several, (str, bytes, Signal)) or not isinstance(several, Iterable):
             raise refuse(name, "several entries, such as ['0/Statusword']", several)
         return tuple(self._entry(f"an item of {name}", what) for what in several)
+
+    def can(self, slave: int | str) -> CanChannel:
+        """The CAN channel of a terminal.
+
+        Args:
+            slave: Position or name of the terminal.
+
+        Raises:
+            StateError: There is no such slave, or it has no CAN channel.
+        """
+        connection = self._connection
+        if isinstance(slave, str):
+            found = QUICK.ecat_find_name(connection.address, text("slave", slave))
+            slave = connection.check(found)
+        return CanChannel(connection, whole("slave", slave))
+
+    def can_terminals(self) -> list[int]:
+        """Positions of the terminals with a CAN channel."""
+        connection, raw, found = self._connection, CanInfoStruct(), []
+        for number in range(QUICK.ecat_can_count(connection.address)):
+            connection.check(QUICK.ecat_can(connection.address, number, ctypes.byref(raw)))
+            found.append(int(raw.slave))
+        return found
 
     # --- the image --------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from ecatd.base.errors import (
+    BusyError,
     EcatError,
     LeaseError,
     NoAnswerError,
@@ -41,7 +42,7 @@ _ERRORS: dict[int, type[EcatError]] = {
     Errno.ERANGE: UsageError,
     Errno.ETIMEOUT: NoAnswerError,
     Errno.ESTALE: UnreachableError,
-    Errno.EFULL: StateError,
+    Errno.EFULL: BusyError,
     Errno.ESTATE: StateError,
 }
 _SLICE = 0.1
@@ -169,8 +170,8 @@ class Connection:
         return code
 
     @contextmanager
-    def _waiting(self) -> Iterator[int]:
-        """Keeps other threads out while this one waits without the GIL."""
+    def waiting(self) -> Iterator[int]:
+        """Keeps other threads out while this one waits without the GIL; yields `address`."""
         taken = True
         try:  # inside the `try`, since Ctrl-C may come at any place
             address = vars(self).pop("address", 0)
@@ -184,7 +185,7 @@ class Connection:
 
     def ask_engine(self, function: Callable[..., int], *arguments: float) -> None:
         """Changes who owns outputs; the engine answers at the end of a cycle."""
-        with self._waiting() as address:
+        with self.waiting() as address:
             code = function(address, *arguments)
         self.check_live(code)
 
@@ -206,7 +207,7 @@ class Connection:
             raise UsageError(f"{min(what)} is not a number to wait for: give 0 or more")
         end = time.monotonic() + timeout
         gone = self._gone
-        with self._waiting() as address:
+        with self.waiting() as address:
             while True:
                 # A thread may be stopped, and go on long after the time-out.
                 left = max(end - time.monotonic(), 0) if timeout > 0 else timeout
@@ -229,7 +230,7 @@ class Connection:
         timeout: float,
     ) -> None:
         """Looks at entries for some cycles; see `Client.summarize`."""
-        with self._waiting() as address:
+        with self.waiting() as address:
             code = WAITING.ecat_summarize(address, signals, len(signals), cycles, timeout, found)
         if code == Errno.ETIMEOUT:
             raise NoAnswerError(

@@ -80,6 +80,61 @@ class DomainStruct(ctypes.Structure):
     )
 
 
+class CanFrameStruct(ctypes.Structure):
+    """`ecat_can_frame`."""
+
+    _fields_ = (
+        ("id", ctypes.c_uint32),
+        ("length", ctypes.c_uint8),
+        ("kind", ctypes.c_uint8),
+        ("own", ctypes.c_uint8),
+        ("safe", ctypes.c_uint8),
+        ("data", ctypes.c_uint8 * 8),
+        ("cycle", ctypes.c_uint64),
+        ("time_ns", ctypes.c_uint64),
+        ("sender", ctypes.c_uint64),
+        ("number", ctypes.c_uint32),
+    )
+
+
+CAN_FRAME = "I4B8sQQQI4x"
+"""The same for `struct.iter_unpack`, which is quicker."""
+
+
+class CanRangeStruct(ctypes.Structure):
+    """`ecat_can_range`."""
+
+    _fields_ = (("first", ctypes.c_uint32), ("last", ctypes.c_uint32))
+
+
+class CanInfoStruct(ctypes.Structure):
+    """`ecat_can_info`."""
+
+    _fields_ = (
+        ("slave", ctypes.c_int),
+        ("bit_rate", ctypes.c_uint),
+        ("identifier_bits", ctypes.c_uint),
+        ("receive_queue", ctypes.c_uint),
+        ("send_queue", ctypes.c_uint),
+        ("state", ctypes.c_int),
+        ("send_errors", ctypes.c_uint),
+        ("receive_errors", ctypes.c_uint),
+        ("reserved", ctypes.c_uint),
+        ("safe_active", ctypes.c_uint),
+        *(
+            (name, ctypes.c_uint64)
+            for name in (
+                *("received", "sent", "safe", "unsent", "dropped", "refused", "overflows"),
+                *("bus_offs", "restarts", "missed"),
+            )
+        ),
+        ("waiting", ctypes.c_uint),
+        ("own_sent", ctypes.c_uint),
+        ("own_refused", ctypes.c_uint),
+        ("own_unsent", ctypes.c_uint),
+    )
+
+
 class SummaryStruct(ctypes.Structure):
     """`ecat_summary`."""
 
@@ -145,6 +200,17 @@ _FUNCTIONS: dict[str, tuple[object, tuple[object, ...]]] = {
     "poll": (_I, (_I, _POINTER, _SIZE, _POINTER, _POINTER)),
     "wait_request": (_I, (_I, _D)),
     "cancel": (_I, (_I,)),
+    "can_count": (_I, ()),
+    "can_find": (_I, (_I,)),
+    "can": (_I, (_I, _POINTER)),
+    "can_listen": (_I, (_I,)),
+    "can_read": (_I, (_I, _POINTER, _SIZE, _U64)),
+    "can_sender": (_U64, ()),
+    "can_wait": (_I, (_I, _D)),
+    "can_claim": (_I, (_I, _D, _POINTER, _SIZE)),
+    "can_release": (_I, (_I,)),
+    "can_send": (_I, (_I, _POINTER, _SIZE, _POINTER)),
+    "can_flush": (_I, (_I, _D)),
 }
 
 

@@ -74,6 +74,13 @@ SETTINGS = _CONSTANTS["ECAT_SETTINGS"]
 MAX_SLAVES = _CONSTANTS["ECAT_MAX_SLAVES"]
 MAX_DOMAINS = _CONSTANTS["ECAT_MAX_DOMAINS"]
 MAX_GROUPS = _CONSTANTS["ECAT_MAX_GROUPS"]
+MAX_CAN = _CONSTANTS["ECAT_MAX_CAN"]
+CAN_RECORDS = _CONSTANTS["ECAT_CAN_RECORDS"]
+CAN_QUEUE = _CONSTANTS["ECAT_CAN_QUEUE"]
+CAN_RANGES = _CONSTANTS["ECAT_CAN_RANGES"]
+CAN_EXTENDED = _CONSTANTS["ECAT_CAN_EXTENDED"]
+CAN_REMOTE = _CONSTANTS["ECAT_CAN_REMOTE"]
+CAN_ID = _CONSTANTS["ECAT_CAN_ID"]
 LOCK_DAEMON = _CONSTANTS["ECAT_LOCK_DAEMON"]
 LOCK_SLOT = _CONSTANTS["ECAT_LOCK_SLOT"]
 DIED = _CONSTANTS["ECAT_DIED"]
@@ -154,7 +161,7 @@ class Setting(_Open):
 class Outputs(_Open):
     """`ecat_outputs`: the source of the value of an output."""
 
-    SAFE, CLAIMED, ACTIVE, STOPPING, COPIED = _values("ecat_outputs", 5)
+    SAFE, CLAIMED, ACTIVE, STOPPING, COPIED, CAN = _values("ecat_outputs", 6)
 
 
 class Reason(_Open):
@@ -173,6 +180,18 @@ class SlotState(_Open):
     """`ecat_slot_state`: state of a client slot."""
 
     FREE, ACTIVE, LAPSED = _values("ecat_slot_state", 3)
+
+
+class CanState(_Open):
+    """`ecat_can_state`: state of the CAN controller of a terminal."""
+
+    STOPPED, ACTIVE, WARNING, PASSIVE, BUS_OFF = _values("ecat_can_state", 5)
+
+
+class CanKind(_Open):
+    """`ecat_can_kind`: what a record of a CAN channel is about."""
+
+    RECEIVED, SENT, UNSENT, STATE, OVERFLOW = _values("ecat_can_kind", 5)
 
 
 class Errno(_Open):
@@ -223,6 +242,8 @@ ENUMS: dict[str, type[IntEnum]] = {
     "ecat_reason": Reason,
     "ecat_slot_state": SlotState,
     "ecat_request_op": Request,
+    "ecat_can_state": CanState,
+    "ecat_can_kind": CanKind,
     "ecat_errno": Errno,
     "ecat_direction": Direction,
     "ecat_al_state": AlState,
@@ -239,6 +260,7 @@ def enumeration(field: LayoutItem) -> type[IntEnum] | None:
 
 _SCALARS: dict[str, Any] = {
     "uint8_t": ctypes.c_uint8,
+    "int16_t": ctypes.c_int16,
     "uint16_t": ctypes.c_uint16,
     "uint32_t": ctypes.c_uint32,
     "int32_t": ctypes.c_int32,
@@ -323,6 +345,8 @@ COUNTERS = counters("ecat_shm_health")
 """The counters of a bus."""
 DOMAIN_COUNTERS = counters("ecat_shm_domain_status")
 """The counters of each domain."""
+CAN_COUNTERS = counters("ecat_shm_can")
+"""The counters of each CAN channel."""
 TIMES = {
     line.name: parted(line.comment)[0]
     for line in fields_of("ecat_shm_health")
@@ -395,16 +419,18 @@ class Table(NamedTuple):
     Attributes:
         struct: The struct of its entries.
         counted: The field of the header with the number of entries, or empty for 1.
-        times: Factor by which the number of entries is multiplied.
+        times: Factor by which the number of entries is multiplied: a number, or another field of
+            the header.
     """
 
     struct: str
     counted: str = ""
-    times: int = 1
+    times: int | str = 1
 
     def count(self, head: Any) -> int:
         """Returns the number of entries in shared memory with this header."""
-        return self.times * (getattr(head, self.counted) if self.counted else 1)
+        times = getattr(head, self.times) if isinstance(self.times, str) else self.times
+        return int(times) * (getattr(head, self.counted) if self.counted else 1)
 
 
 TABLES = {
@@ -418,5 +444,7 @@ TABLES = {
     "domain_status": Table("ecat_shm_domain_status", "domain_count"),
     "settings": Table("ecat_shm_setting", times=SETTINGS),
     "health": Table("ecat_shm_health"),
+    "can": Table("ecat_shm_can", "can_count"),
+    "can_senders": Table("ecat_shm_can_sender", "slot_count", "can_count"),
 }
 """All tables by name."""

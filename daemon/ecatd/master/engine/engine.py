@@ -13,8 +13,10 @@ from enum import IntEnum
 
 from ecatd.base import native
 from ecatd.base.errors import EcatError, NotPermittedError, UnreachableError
+from ecatd.config.resolve.can import CanChannel
 from ecatd.shm.contract import Setting
 
+from .can import safe_of, terminal_of
 from .process_image import DomainImage
 
 _NO_SIGNAL = 0xFFFFFFFF
@@ -36,6 +38,12 @@ class EventType(IntEnum):
     MALFORMED = 11
     STOPPED = 12
     CONFLICT = 13
+    CAN_STATE = 14
+    CAN_ENDED = 15
+    CAN_REFUSED = 16
+    CAN_CONFLICT = 17
+    CAN_OVERFLOW = 18
+    CAN_MALFORMED = 19
 
 
 class Event(ctypes.Structure):
@@ -154,6 +162,8 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
     lib.cyclic_set_copy.argtypes = [pointer, u32, u32, double, double, i32]
     lib.cyclic_set_follow.argtypes = [pointer, u32, u32, i32]
+    lib.cyclic_add_can.argtypes = [pointer, pointer]
+    lib.cyclic_add_can_safe.argtypes = [pointer, pointer]
     lib.cyclic_set_wkc_limit.argtypes = [pointer, i32]
     lib.cyclic_set_wkc_limit.restype = None
     lib.cyclic_listen.argtypes = [pointer, u32]
@@ -343,9 +353,23 @@ class Engine:
         if code != 0:
             raise EcatError(f"signal {target} cannot follow {source}: {os.strerror(-code)}")
 
+    def add_can(self, channel: CanChannel) -> None:
+        """Adds the next CAN channel of the shared memory. Call it before `start`.
+
+        Raises:
+            EcatError: The process data of the terminal do not have the frames.
+        """
+        code = _LIB.cyclic_add_can(self._engine, ctypes.byref(terminal_of(channel)))
+        if code != 0:
+            raise EcatError(f"CAN channel of slave {channel.slave} refused: {os.strerror(-code)}")
+        for frame in channel.safe:
+            code = _LIB.cyclic_add_can_safe(self._engine, ctypes.byref(safe_of(frame, channel)))
+            if code != 0:
+                raise EcatError(f"safe CAN frame refused: {os.strerror(-code)}")
+
     @property
     def stopping(self) -> int:
-        """Number of drives that are being stopped now."""
+        """Number of drives that are being stopped, and of safe CAN frames still to be sent."""
         return int(_LIB.cyclic_stopping(self._engine))
 
     def start(self, wanted: RealTime) -> list[Grant]:

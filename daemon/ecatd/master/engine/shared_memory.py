@@ -14,7 +14,7 @@ import os
 import stat
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import accumulate
 from pathlib import Path
@@ -24,6 +24,7 @@ from ecatd.base.errors import EcatError, NotPermittedError, StateError
 from ecatd.base.file_locks import take
 from ecatd.base.paths import give_to_group
 from ecatd.base.version import VERSION
+from ecatd.config.resolve.can import CanChannel
 from ecatd.description.bus import Bus
 from ecatd.shm import contract as shm
 from ecatd.shm.files import MEMORY, already_served, may_own
@@ -57,6 +58,8 @@ class SharedMemory:
         slave_status: `ecat_shm_slave_status` table.
         slot_status: `ecat_shm_slot_status` table.
         domains: `ecat_shm_domain` table.
+        can: `ecat_shm_can` table.
+        can_senders: `ecat_shm_can_sender` table.
         settings: `ecat_shm_setting` table.
         health: `ecat_shm_health`.
 
@@ -76,7 +79,14 @@ class SharedMemory:
             take(self.fd, shm.LOCK_DAEMON)
             self._put_in_place()
 
-    def fill(self, bus: Bus, image: Image, lease_ns: int, lease_max_ns: int) -> None:
+    def fill(
+        self,
+        bus: Bus,
+        image: Image,
+        lease_ns: int,
+        lease_max_ns: int,
+        channels: Sequence[CanChannel] = (),
+    ) -> None:
         """Lays out and fills the tables and pages of a bus.
 
         Args:
@@ -84,6 +94,7 @@ class SharedMemory:
             image: Its process image.
             lease_ns: Shortest lease, in ns.
             lease_max_ns: Longest lease that a client can ask for, in ns.
+            channels: The CAN channels.
 
         Raises:
             EcatError: There is not enough memory, or a file cannot be made.
@@ -91,7 +102,7 @@ class SharedMemory:
         self._bus = bus
         self._image = image
         instance = time.time_ns()
-        plan = _Plan(bus, image)
+        plan = _Plan(bus, image, channels)
         with _explained(self.path, plan.size):
             os.posix_fallocate(self.fd, 0, plan.size)
             self._map = mmap.mmap(self.fd, plan.size)
@@ -119,7 +130,7 @@ class SharedMemory:
         header.lease_ns = lease_ns
         header.lease_max_ns = lease_max_ns
         header.pid = os.getpid()
-        for key in ("slave_count", "signal_count", "domain_count", "slot_count"):
+        for key in ("slave_count", "signal_count", "domain_count", "slot_count", "can_count"):
             setattr(header, key, getattr(plan, key))
         header.output_bytes = self._image.output_bytes
         header.bus = bus.name.encode()
@@ -134,6 +145,7 @@ class SharedMemory:
         self._fill_slaves(plan)
         self._fill_signals(plan)
         self._fill_domains(plan)
+        self._fill_can(plan)
 
     def _fill_slaves(self, plan: _Plan) -> None:
         count = max(1, len(self._bus.slaves))
@@ -187,6 +199,17 @@ class SharedMemory:
         status = shm.struct("ecat_shm_domain_status") * len(self._image.domains)
         self.domain_status = status.from_buffer(self._map, plan.offsets["domain_status"])
 
+    def _fill_can(self, plan: _Plan) -> None:
+        kind = shm.struct("ecat_shm_can") * max(1, plan.can_count)
+        self.can = table = kind.from_buffer(self._map, plan.offsets["can"])
+        senders = shm.struct("ecat_shm_can_sender") * max(1, plan.slot_count * plan.can_count)
+        self.can_senders = senders.from_buffer(self._map, plan.offsets["can_senders"])
+        for row, channel, records in zip(table, plan.channels, plan.records, strict=False):
+            row.slave = channel.slave
+            row.identifier_bits, row.bit_rate = channel.identifiers, 1000 * channel.bit_rate
+            row.receive_queue, row.send_queue = channel.receive_queue, channel.send_queue
+            row.records_offset = records
+
     def _fill_out(self, instance: int) -> None:
         header = shm.struct("ecat_out_header")()
         header.magic = shm.OUT_MAGIC
@@ -202,7 +225,12 @@ class SharedMemory:
         header.images_offset = _up(header.claims_offset + claims, 64)
         mask_and_values = 2 * _up(self._image.output_bytes, 8)
         header.image_stride = _up(shm.size("ecat_out_image") + mask_and_values, 64)
-        header.slot_stride = _up(header.images_offset + shm.IMAGES * header.image_stride, _PAGE)
+        header.can_offset = header.images_offset + shm.IMAGES * header.image_stride
+        headers = self.header.can_count * shm.size("ecat_out_can")
+        header.can_queues_offset = _up(header.can_offset + headers, 64)
+        queue = shm.CAN_QUEUE * shm.size("ecat_out_can_frame")
+        end = header.can_queues_offset + self.header.can_count * queue
+        header.slot_stride = _up(end, _PAGE)
         size = header.slots_offset + shm.SLOTS * header.slot_stride
         with _explained(self.out_path, size):
             os.posix_fallocate(self.out_fd, 0, size)
@@ -288,7 +316,8 @@ class SharedMemory:
 class _Plan:
     """The signals of a bus, and where tables and pages lie in the shared memory."""
 
-    def __init__(self, bus: Bus, image: Image) -> None:
+    def __init__(self, bus: Bus, image: Image, channels: Sequence[CanChannel]) -> None:
+        self.channels = channels
         self.signals = [
             (
                 slave,
@@ -311,6 +340,7 @@ class _Plan:
         self.size = _up(shm.size("ecat_shm_header"), 64)
         self.slave_count, self.signal_count = len(bus.slaves), len(self.signals)
         self.domain_count, self.slot_count = len(image.domains), shm.SLOTS
+        self.can_count = len(channels)
         self.offsets = {
             name: self._place(table.struct, table.count(self)) for name, table in shm.TABLES.items()
         }
@@ -319,6 +349,10 @@ class _Plan:
             self.pages.append(self.size)
             data = _up(domain.output_bytes + domain.input_bytes, 8)
             self.size = _up(self.size + shm.size("ecat_shm_page") + data, 64)
+
+        self.records = [
+            self._place("ecat_shm_can_record", shm.CAN_RECORDS) for _ in range(self.can_count)
+        ]
 
     def _place(self, name: str, count: int) -> int:
         at = self.size

@@ -131,7 +131,7 @@ class BringUp:
             after_init = undo.enter_context(ExitStack())  # the exchange goes on until INIT
             undo.callback(self._to_init, found)
 
-            shared.fill(found.bus, data.image, *leases(plan.config))
+            shared.fill(found.bus, data.image, *leases(plan.config), data.resolved.can)
             engine = Engine(
                 shared.address,
                 shared.out_fd,

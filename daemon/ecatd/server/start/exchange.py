@@ -42,6 +42,8 @@ def start_exchange(
     if data.clocks is not None:
         engine.set_clock(data.clocks.engine_clock)
     _guard(engine, shared, data.resolved)
+    for channel in data.resolved.can:
+        engine.add_can(channel)
     wanted = config.realtime
     grants = engine.start(
         RealTime(

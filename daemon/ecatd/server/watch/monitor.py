@@ -18,6 +18,7 @@ from ecatd.base.batch import Batch
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
 from ecatd.description.cables import Cables
+from ecatd.etg.al import AlState
 from ecatd.master.emergencies import Emergency
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.master.worker import Worker
@@ -26,6 +27,7 @@ from ecatd.operations.faults import LOST, Fault
 from ecatd.shm import contract as shm
 
 from ..start.running_bus import RunningBus
+from . import can
 from .cables import CableWatch
 from .clocks import ClockWatch
 from .drives import DriveWatch
@@ -102,6 +104,7 @@ class Monitor:
         self.exchange = ExchangeWatch(
             running, worker, of_interfaces, self._explain, self.slaves.find_away
         )
+        self._can = can.CanWatch(running, self._outputs.client, self._start_anew, of_outputs)
         self._drives = DriveWatch(running, lambda request: answer(request, _NOBODY), report)
         self._clocks = None
         if running.clocks is not None:
@@ -158,6 +161,7 @@ class Monitor:
         for item in self._working_counters:
             item.close()
         self._outputs.close()
+        self._can.close()
         self._mailboxes.close()
         if self._clocks is not None:
             self._clocks.close()
@@ -191,6 +195,8 @@ class Monitor:
     def _handle(self, event: Event) -> None:
         if event.type in _ABOUT_OUTPUTS:
             self._outputs.handle(event)
+        elif event.type in can.EVENTS:
+            self._can.handle(event)
         elif not self._stopping.is_set():
             self._handle_while_running(event)
 
@@ -216,6 +222,10 @@ class Monitor:
         kind = EventType.MALFORMED
         cycle = self._shared.header.cycle
         self._outputs.handle(Event(kind, slave=-1, slot=slot, value=generation, cycle=cycle))
+
+    async def _start_anew(self, slave: int) -> None:
+        await self.slaves.change([slave], AlState.INIT)
+        await self.slaves.change([slave], AlState.OP)
 
     def _report_working_counter(self, event: Event) -> None:
         state = shm.WkcState(event.value).name.lower()
