@@ -68,11 +68,12 @@ def test_all_keys(tmp_path: Path) -> None:
         identifiers = 29
         mode = "buffered"
         sample_point = 87
-        frames_per_second = 4000
+        frames_per_second = 3000
         receive_queue = 20
         send_queue = 16
         filters = [0x181, "0x200-0x27f", "385 - 0x1ff"]
         flags = 8
+        bus_off_restart_ms = 2000
         [[slave.can.safe]]
         id = 0
         data = "02 00"
@@ -95,11 +96,12 @@ def test_all_keys(tmp_path: Path) -> None:
         29,
         "buffered",
         87.0,
-        4000,
+        3000,
         20,
         16,
         ["0x181", "0x200-0x27F", "0x181-0x1FF"],
         8,
+        2000,
         [
             CanSafeConfig(0, data="02 00"),
             CanSafeConfig(
