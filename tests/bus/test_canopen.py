@@ -28,11 +28,6 @@ def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
     return start_shared("troll-can", config=CONFIG.read_text())
 
 
-@pytest.fixture(autouse=True)
-def in_the_runtime_folder(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
-
-
 @contextmanager
 def network(daemon: Daemon, slave: int) -> Iterator[canopen.Network]:
     master = canopen.Network()
