@@ -30,7 +30,7 @@ EMULATOR_CRASHED = 75
 """Exit status of the tests if QEMU crashed: version 7.2 does so in one boot of some fifteen."""
 PACKAGES = (
     *("systemd", "systemd-sysv", "dbus", "udev", "kmod", "linux-image-rt-amd64", "libpam-systemd"),
-    *("iproute2", "ethtool", "procps", "python3", "strace", "network-manager"),
+    *("iproute2", "ethtool", "procps", "python3", "strace", "network-manager", "can-utils"),
 )
 MACS = ("52:54:00:ec:a7:01", "52:54:00:ec:a7:02")
 """Addresses of the cards."""

@@ -1,5 +1,6 @@
 """A day of administration of a whole machine. The tests depend on each other, in this order."""
 
+import importlib.util
 import json
 import re
 import time
@@ -19,13 +20,14 @@ ROOT = Path(__file__).parents[2]
 IMAGE = ROOT / "build/machine"
 PACKAGES = ROOT / "build/deb"
 
+BRIDGE = "/etc/systemd/system/ecatd-can-bridge.service"
 VELOCITY = 0x606C
 SPEED = 200_000  # of spin.py
 PROCESSES = ("main", "ecatd.server", "ecatd.gateway")
 PRUNED = ("/files", "/tmp", "/var/log", "/run/systemd", "/run/udev")
 """Folders in which others may keep names of ecatd: the tests, the journal, systemd, udev."""
 START_LIMIT_S = 15
-LATE = ("disturbance", "al_state", "recovery", "exchange")
+LATE = ("disturbance", "al_state", "recovery", "exchange", "can_overflow")
 """Events that a slow processor causes: the emulated one stands still at times."""
 FIGURES: list[tuple[str, str]] = []
 """What was measured, printed at the end."""
@@ -54,6 +56,11 @@ slave = 0
 value = "quick_stop"
 stop_timeout_s = 10.0
 """ + "".join(f"[[slave]]\nposition = {slave}\nmailbox_timeout_ms = 9000\n" for slave in TALKING)
+# Slaves 6 and 7 are CAN terminals; the bus behind the second one is used.
+CONFIGURATION = CONFIGURATION.replace("position = 6\n", "position = 6\nwatchdog_ms = 0\n")
+CONFIGURATION += "watchdog_ms = 0\n[slave.can]\nbit_rate = 500\nframes_per_second = 500\n"
+CAN, NODE = 7, 2
+"""This terminal, and the CANopen node behind it."""
 
 
 @pytest.fixture(scope="session")
@@ -64,14 +71,22 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
     assert packages, "use make test-system"
     helpers = sorted((Path(__file__).parent / "guest").glob("*.py"))
     folder = tmp_path_factory.mktemp("machine")
-    with wires(), Machine(IMAGE, folder, [*packages, *helpers]) as running:
+    with wires(), Machine(IMAGE, folder, [*packages, *helpers, *python_packages()]) as running:
         yield running
+
+
+def python_packages() -> list[Path]:
+    """What the package `canopen` needs; the Python of the machine is that of Debian 12, as ours."""
+    found = [importlib.util.find_spec(name) for name in ("can", "canopen", "wrapt", "packaging")]
+    files = [Path(spec.origin).parent for spec in found if spec and spec.origin]
+    spec = importlib.util.find_spec("typing_extensions")
+    return [*files, Path(spec.origin)] if spec and spec.origin else files
 
 
 @pytest.fixture(scope="session")
 def drive(machine: Machine) -> Iterator[str]:
     """The simulated segment at the first card: its name for `Simulator`."""
-    with segment("troll", 0) as name:
+    with segment("troll-can", 0) as name:
         yield name
 
 
@@ -237,6 +252,59 @@ def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
     assert any("MESSAGE_ID" in entry and "ECAT_EVENT" in entry for entry in entries)
     told = machine.text("journalctl -x -u ecatd --no-pager")
     assert re.search("in OP.*?Subject: ", told, re.DOTALL)
+
+
+# --- CAN behind a terminal, and CAN of Linux -----------------------------------------------------
+
+
+def expect(machine: Machine, frame: str, answer: str) -> None:
+    """Sends a frame on `vcan0` until another one comes."""
+    identifier = answer.partition("#")[0]
+    machine(f"candump -L vcan0,{identifier}:7FF >/tmp/answers 2>&1 & echo $! >/tmp/candump")
+    machine.until(f"cansend vcan0 {frame}; sleep 0.5; grep -w '{answer}$' /tmp/answers")
+    machine("kill $(cat /tmp/candump)")
+
+
+ASK, ANSWER = f"{0x600 + NODE:X}#4000100000000000", f"{0x580 + NODE:X}#4300100091010F00"
+"""The node is asked for its type."""
+
+
+def test_a_can_terminal_on_socketcan(machine: Machine, drive: str) -> None:
+    """By the unit in the documentation."""
+    text = (ROOT / "docs/can.md").read_text()
+    (unit,) = re.findall(r"^```ini\n(\[Unit\]\n.*?)^```", text, re.DOTALL | re.MULTILINE)
+    machine.write(BRIDGE, unit.replace(" 6 ", f" {CAN} "))
+    machine("systemctl daemon-reload && systemctl start ecatd-can-bridge")
+    machine(f"timeout 60 candump -n 1 vcan0,{0x700 + NODE:X}:7FF")  # a heartbeat
+    expect(machine, ASK, ANSWER)
+    machine(f"cansend vcan0 000#01{NODE:02X}")  # operational: its outputs are wired to its inputs
+    expect(machine, f"{0x200 + NODE:X}#5A", f"{0x180 + NODE:X}#5A")
+    machine("systemctl stop ecatd-can-bridge")
+    assert machine.text("systemctl show -P Result ecatd-can-bridge") == "success"
+
+
+@whole_day
+def test_a_can_terminal_stays_on_socketcan(machine: Machine, drive: str) -> None:
+    machine("systemctl start ecatd-can-bridge")
+    master = "PYTHONPATH=/files /usr/bin/python3 /files/canopen_master.py"
+    assert machine.text(master).splitlines()[-2:] == [str([NODE]), "CANopen I/O"]
+    machine("candump -L vcan0,0:0,#FFFFFFFF >/tmp/errors 2>&1 & echo $! >/tmp/candump")
+    machine.until(f"grep {0x700 + NODE:X}# /tmp/errors")
+    with Simulator(drive) as simulator:
+        simulator.faults.can_bus_off(CAN)
+    machine.until("grep 20000240 /tmp/errors")  # bus-off, with counters
+    machine("kill $(cat /tmp/candump)")
+    wait_until_well(machine)
+    machine("systemctl restart ecatd", timeout=300)
+    wait_until_well(machine)
+    machine("ip link set vcan0 down; sleep 2; ip link set vcan0 up")
+    expect(machine, ASK, ANSWER)
+    assert machine.text("systemctl show -P NRestarts ecatd-can-bridge") == "0"
+    machine("ip link delete vcan0")
+    machine.until("systemctl show -P NRestarts ecatd-can-bridge | grep -v ^0")
+    machine.until("ip link show vcan0 up | grep vcan0")
+    expect(machine, ASK, ANSWER)
+    machine("systemctl stop ecatd-can-bridge")
 
 
 @whole_day
@@ -443,7 +511,7 @@ def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
 
 
 def test_nothing_stays(machine: Machine, drive: str) -> None:
-    machine("systemctl enable ecatd@press")
+    machine(f"systemctl enable ecatd@press; rm {BRIDGE} && systemctl daemon-reload")
     machine(f"ethtool -C {interface(machine, 0)} rx-usecs 100; ecatctl doctor --fix", status=None)
     machine("test -e /run/ecatd-doctor.json")
     machine("apt-get purge -y ecatd 2>&1 | tail -5", timeout=300)

@@ -179,17 +179,17 @@ class EcatdBus(BusABC):
         """Puts a frame into the queue of this bus.
 
         Args:
-            msg: A frame of CAN 2.0.
+            msg: A frame of CAN 2.0. Nothing happens with an error frame: terminals cannot send it.
             timeout: Seconds to wait for room in the queue; None: as long as the CAN bus works.
 
         Raises:
-            CanOperationError: It is no frame of CAN 2.0; there is no room, and the CAN controller
-                is bus-off or has stopped; another program has reserved the identifier; or the
-                daemon has ended. If this program had lost its place, the next call gets another.
+            CanOperationError: There is no room, and the CAN controller is bus-off or has stopped;
+                another program has reserved the identifier; or the daemon has ended. If this
+                program had lost its place, the next call gets another.
             CanTimeoutError: There was no room in time.
         """
-        if msg.is_error_frame:
-            raise CanOperationError("EtherCAT terminals cannot send error frames")
+        if msg.is_error_frame:  # python-can's bridge would end by an error
+            return
         if msg.is_fd:
             raise CanOperationError("EtherCAT terminals have no CAN FD: send a frame of CAN 2.0")
         end = None if timeout is None else time.monotonic() + timeout
