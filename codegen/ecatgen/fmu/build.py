@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ecatd.base.version import VERSION
 from ecatd.description.bus import Bus
@@ -17,7 +17,7 @@ from .. import names
 from ..ir import Block, Connector, Library
 from ..text import NOTHING, Code, identifier, table_text, table_word
 from . import common_variables as common
-from .ir import Attributes, Fmu, Slave, Unknown, Variable
+from .ir import Attributes, BusTerminal, Fmu, Slave, Unknown, Variable
 from .units import units
 
 _FLOAT = {2: "Real", 3: "Float64"}
@@ -28,7 +28,7 @@ _KNOWN_AT_START = ("bus", "whenMissing", "patience")
 """Parameters on which the initial values of the outputs depend."""
 
 
-def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> Fmu:
+def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], ecus: int = 0) -> Fmu:
     """Builds the FMU for a bus, without its token.
 
     Args:
@@ -36,9 +36,12 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
         library: Library for the bus; the variables have its names.
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
+        ecus: With FMI 3.0: number of virtual ECUs on the CAN bus behind the only slave of the library.
     """
     instances = instance_names(library.blocks)
-    variables = tuple(_Builder(fmi, bus).all(library.blocks, instances))
+    builder = _Builder(fmi, bus)
+    variables = tuple(builder.all(library.blocks, instances))
+    variables += tuple(builder.bus_terminals(ecus)) if ecus else ()
     references = {item.name: item.reference for item in variables}
     first = 1 if fmi == 2 else 0
     known = " ".join(str(references[item] + first) for item in _KNOWN_AT_START)
@@ -50,17 +53,16 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
         tool=f"ecatd {VERSION}",
         bus=bus.name,
         fingerprint=library.fingerprint,
-        command=f"{library.command} --fmu{'' if fmi == 2 else ' --fmi 3'}",
+        command=library.command + ("" if ecus else " --fmu" + ("" if fmi == 2 else " --fmi 3")),
         step_size=repr(bus.cycle_time_us / 1e6),
         unit_groups=tuple(filter(None, [units(item.unit for item in variables)])),
-        enumerations=common.ENUMERATIONS,
+        enumerations=common.ENUMERATIONS + ((common.CAN_STATE,) if ecus else ()),
         categories=common.CATEGORIES,
         variables=variables,
         slaves=tuple(_slaves(library.blocks, instances, variables)),
+        bus_terminals=tuple(map(_bus_terminal, range(ecus))),
         unknowns=tuple(
-            Unknown(item.reference + first, known)
-            for item in variables
-            if item.causality == "output"
+            _unknown(item, first, known) for item in variables if item.causality == "output"
         ),
         sources=tuple(sources),
     )
@@ -68,9 +70,30 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
 
 def instance_names(blocks: Sequence[Block]) -> list[str]:
     """Returns the prefix of each slave's variables: the usual name of its block, made unique."""
-    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS]
+    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS + common.OF_CAN]
     namespace = names.Namespace([*own, "time"], suffix="Slave")
     return [namespace.take(block.instance) for block in blocks]
+
+
+def _unknown(item: Variable, first: int, known: str) -> Unknown:
+    attributes = dict(item.attributes)
+    clock = dict(item.type_attributes).get("clocks", "")
+    has_initial = not clock and attributes["variability"] != "constant"
+    return Unknown(item.reference + first, known if has_initial else None, clock)
+
+
+def ecu_name(number: int) -> str:
+    """Returns the name of the bus terminal of a virtual ECU, 0 first."""
+    return f"Ecu{number + 1}"
+
+
+def _bus_terminal(number: int) -> BusTerminal:
+    name = ecu_name(number)
+    return BusTerminal(
+        name=name,
+        variables=tuple((f"{name}.{item}", item) for item in common.BUS_TERMINAL),
+        settings=((f"{name}.{common.BUS_NOTIFICATIONS}", common.BUS_NOTIFICATIONS),),
+    )
 
 
 def _slaves(
@@ -79,7 +102,7 @@ def _slaves(
     members: dict[str, list[tuple[str, str]]] = {instance: [] for instance in instances}
     for item in variables:
         instance, dot, member = item.name.partition(".")
-        if dot:
+        if dot and instance in members:
             members[instance].append((item.name, member))
     for block, instance in zip(blocks, instances, strict=True):
         yield Slave(
@@ -106,6 +129,7 @@ class _Value:
         maximum: Largest value, or None.
         unit: Unit, or empty.
         declared: Name of the enumeration, or empty.
+        more: Further XML attributes.
     """
 
     element: str
@@ -115,13 +139,14 @@ class _Value:
     maximum: float | int | None = None
     unit: str = ""
     declared: str = ""
+    more: Attributes = ()
 
     def attributes(self) -> Attributes:
         """Returns the XML attributes of the type."""
         found = {"declaredType": self.declared, "unit": self.unit}
         for name, number in (("min", self.minimum), ("max", self.maximum), ("start", self.start)):
             found[name] = "" if number is None else _number(number)
-        return tuple((name, value) for name, value in found.items() if value)
+        return tuple((name, value) for name, value in found.items() if value) + self.more
 
     def limits(self) -> str:
         """Returns the limits for the documentation."""
@@ -154,6 +179,47 @@ class _Builder:
             )
         for number, (block, instance) in enumerate(zip(blocks, instances, strict=True)):
             yield from self._slave(number, block, instance)
+
+    def bus_terminals(self, ecus: int) -> Iterator[Variable]:
+        """Builds the variables of a CAN bus, and those of the bus terminals of its virtual ECUs."""
+        for item in common.OF_CAN:
+            value = self._fixed(item)
+            if item.name == common.INTERVAL:
+                value = replace(value, start=self._bus.cycle_time_us / 1e6)
+            causality = "parameter" if item.name == common.INTERVAL else "output"
+            yield self._variable((item.name, item.description), causality, item.name, value)
+        for number in range(ecus):
+            yield from self._bus_terminal(number)
+
+    def _bus_terminal(self, number: int) -> Iterator[Variable]:
+        place = Code(" %d") % number
+        first = self._count
+        references = {name: str(first + 1 + n) for n, name in enumerate(common.BUS_TERMINAL)}
+        yield self._variable(
+            (f"{ecu_name(number)}.{common.BUS_NOTIFICATIONS}", "Frames are confirmed, errors told"),
+            "output",
+            common.BUS_NOTIFICATIONS,
+            _Value("Boolean", "Boolean", start=True),
+            place,
+            variability="constant",
+        )
+        for name, (causality, description) in common.BUS_TERMINAL.items():
+            end, _, kind = name.partition("_")
+            more: Attributes = (("intervalVariability", common.CLOCKS[end]),)
+            if kind == "Data":
+                more = (
+                    ("clocks", references[f"{end}_Clock"]),
+                    ("mimeType", common.MIME_TYPE),
+                    ("maxSize", str(common.MAXIMUM[end])),
+                )
+            element = "Binary" if kind == "Data" else "Clock"
+            yield self._variable(
+                (f"{ecu_name(number)}.{name}", description),
+                causality,
+                name,
+                _Value(element, element, more=more),
+                place,
+            )
 
     def _slave(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
         entries = {
@@ -245,6 +311,12 @@ class _Builder:
         """Returns the start attribute of a text; empty for FMI 3.0, which uses an element."""
         return (("start", self._bus.name),) if self._fmi == 2 else ()
 
+    def _start_texts(self, value: _Value, causality: str) -> tuple[str, ...]:
+        """Returns the start elements of FMI 3.0: those of a text, and of bytes that are set."""
+        if self._fmi == 3 and value.element == "String":
+            return (self._bus.name,)
+        return ("",) if value.element == "Binary" and causality == "input" else ()
+
     def _variable(
         self,
         text: tuple[str, str],
@@ -252,9 +324,11 @@ class _Builder:
         role: str,
         value: _Value,
         place: Code = NOTHING,
+        *,
+        variability: str = "",
     ) -> Variable:
         name, description = text
-        variability = {"parameter": "fixed", "independent": "continuous"}.get(causality, "discrete")
+        usual = {"parameter": "fixed", "independent": "continuous"}.get(causality, "discrete")
         access = "Real" if value.access in _FLOAT.values() else value.access
         words = (identifier(access), identifier(role), _start(value), table_word(name), place)
         is_text = value.element == "String"
@@ -263,7 +337,7 @@ class _Builder:
             "valueReference": str(self._count),
             "description": description,
             "causality": causality,
-            "variability": variability,
+            "variability": variability or usual,
         }
         self._count += 1
         return Variable(
@@ -274,7 +348,7 @@ class _Builder:
             element=identifier(value.element),
             attributes=tuple(attributes.items()),
             type_attributes=self._start_of_text() if is_text else value.attributes(),
-            start_texts=(self._bus.name,) if is_text and self._fmi == 3 else (),
+            start_texts=self._start_texts(value, causality),
             unit=value.unit,
             kind=value.declared or value.element,
             limits=value.limits(),

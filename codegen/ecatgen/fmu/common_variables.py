@@ -111,3 +111,40 @@ OF_SLAVES = (
     Fixed("alStatusCode", "Counter", "why it has left a state (AL status code), 0: no error"),
 )
 """The diagnostics of each slave."""
+
+CAN_STATE = Enumeration(
+    "CanState",
+    "State of the CAN controller of a terminal",
+    (
+        Item("Stopped", 1, "The terminal is not in OP, or there is no bus"),
+        Item("Active", 2, "Error active: all is well"),
+        Item("Warning", 3, "An error counter has reached 96"),
+        Item("Passive", 4, "Error passive: an error counter has reached 128"),
+        Item("BusOff", 5, "Bus-off: it takes no part in the traffic"),
+    ),
+)
+INTERVAL = "interval"
+OF_CAN = (
+    Fixed(INTERVAL, "Real", "Time between two ticks of each Tx_Clock", 0.001, "s"),
+    Fixed("canState", "CanState", "State of the CAN controller"),
+    Fixed("sendErrors", "Counter", "Error counter of the CAN controller for sending"),
+    Fixed("receiveErrors", "Counter", "Error counter of the CAN controller for receiving"),
+    Fixed("framesSent", "Counter", "Frames of the ECUs that were sent"),
+    Fixed("framesReceived", "Counter", "Frames of other nodes, and of other clients of ecatd"),
+    Fixed("operationsRefused", "Counter", "Operations that were answered with Format Error"),
+    Fixed("operationsLost", "Counter", "Operations and frames that the importer came too late for"),
+)
+"""The variables of a CAN bus behind a slave. The first one is a parameter."""
+
+BUS_NOTIFICATIONS = "BusNotifications"
+BUS_TERMINAL = {
+    "Rx_Clock": ("input", "The ECU has sent operations"),
+    "Rx_Data": ("input", "Operations of the ECU"),
+    "Tx_Clock": ("input", "There may be operations for the ECU"),
+    "Tx_Data": ("output", "Operations for the ECU"),
+}
+"""The variables of a bus terminal, as FMI-LS-BUS names them."""
+
+CLOCKS = {"Rx": "triggered", "Tx": "countdown"}
+MAXIMUM = {"Rx": 1 << 16, "Tx": 2048}
+MIME_TYPE = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'

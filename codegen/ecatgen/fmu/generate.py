@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from .archive import member, pack, write
 from .build import build_fmu
 from .files import fixed_files
 from .render import render
+from .identity import with_token
 
 _ORIGIN = "resources/bus.json"
 
@@ -106,8 +106,7 @@ def generate_fmu(
     fixed = fixed_files(fmi, library.name)
     fixed[_ORIGIN] = dump_origin(made_from)
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    fmu = build_fmu(made_from, library, fmi, sources)
-    fmu = replace(fmu, token=_token(render(fmu) | fixed))
+    fmu = with_token(build_fmu(made_from, library, fmi, sources), fixed)
     path = out / f"{fmu.name}.fmu"
     before = read_origin(member(path, _ORIGIN))
     changed = write(path, pack(render(fmu) | fixed), check=check)
@@ -125,12 +124,3 @@ def generate_fmu(
         differences=differences,
         otherwise=changed and before is not None and not differences,
     )
-
-
-def _token(files: dict[str, bytes]) -> str:
-    """Returns a GUID that changes whenever a file in the FMU changes."""
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.encode() + b"\0" + files[path] + b"\0")
-    text = digest.hexdigest()
-    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from ecatd.base.errors import EcatError, NotPermittedError, UsageError
 from ecatd.base.paths import user_config
 
+from .arguments import slave
 from .bus_source import add_options, get_bus
 from .output import print_json
 
 if TYPE_CHECKING:
     from ecatd.description.bus import Bus
     from ecatgen import Report
-    from ecatgen.fmu import FmuReport
+    from ecatgen.fmu import FmuReport, LsBusReport
 
 COMMANDS = {
     "documents": {
@@ -57,6 +58,19 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
+    )
+    command.add_argument(
+        "--ls-bus",
+        metavar="SLAVE",
+        type=slave,
+        help="write DIR/NAME.fmu instead, an FMU whose bus terminal is the CAN bus behind this "
+        "terminal, for virtual ECUs (FMI-LS-BUS)",
+    )
+    command.add_argument(
+        "--ls-bus-ecus",
+        type=int,
+        metavar="N",
+        help="with --ls-bus: number of virtual ECUs, each with a bus terminal (default: 1)",
     )
     _add_rewrite(command)
 
@@ -112,18 +126,27 @@ def generate(options: argparse.Namespace) -> int:
     """
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: give --fmu, too")
+    if options.ls_bus_ecus is not None and options.ls_bus is None:
+        raise UsageError("--ls-bus-ecus is the number of virtual ECUs: give --ls-bus, too")
+    if options.fmu and options.ls_bus is not None:
+        raise UsageError("--fmu has the values of the bus, --ls-bus a CAN bus: give one of them")
+    if options.ls_bus is not None and (options.force or options.templates):
+        raise UsageError("--force and --templates are about libraries: leave them out with --ls-bus")
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
     bus, more = get_bus(options)
     return _print_report(options, _generate(bus, options), {"bus": bus.name, **more})
 
 
-def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
+def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport | LsBusReport:
     from ecatgen import fmu, generate  # only this command needs the templates
 
     name, out, check = options.name, options.out, options.check
     if options.fmu:
         return fmu.generate_fmu(bus, name, out, options.fmi or 2, check=check)
+    if options.ls_bus is not None:
+        ecus = 1 if options.ls_bus_ecus is None else options.ls_bus_ecus
+        return fmu.generate_ls_bus(bus, name, out, options.ls_bus, ecus, check=check)
     standard = user_config("templates")
     templates = [*options.templates, *([standard] if standard.is_dir() else [])]
     return generate(bus, name, out, templates, check=check, force=options.force)
@@ -167,7 +190,7 @@ def _openmodelica_folder() -> Path:
 
 
 def _print_report(
-    options: argparse.Namespace, report: Report | FmuReport, more: dict[str, Any]
+    options: argparse.Namespace, report: Report | FmuReport | LsBusReport, more: dict[str, Any]
 ) -> int:
     last = report.would() if options.check else report.summary()
     _print(options, {**more, **report.to_dict()}, *report.details(), last)

@@ -10,6 +10,7 @@
  *     variables COUNT                    in the order of their value references, 0 first
  *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET MINIMUM
  *         MAXIMUM UNIT]]             the unit is the rest of the line, and may be empty
+ *     variable TYPE ROLE START NAME ECU    of a bus terminal; the CAN bus is that of the first slave
  *
  * Floating-point numbers are the 16 hexadecimal digits of their IEEE 754 bits: exact, and the same in
  * every locale.
@@ -25,18 +26,20 @@
 #include <string.h>
 #include <strings.h>
 
-enum { MAX_BYTES = 64 << 20, MAX_ITEMS = 1 << 20 };
+enum { MAX_BYTES = 64 << 20, MAX_ITEMS = 1 << 20, MAX_ECUS = 64 };
 
 static const char *const type_names[PLANT_TYPES] = {
     "Real",   "Boolean", "String", "Integer", "Int8",  "UInt8",
-    "Int16",  "UInt16",  "Int32",  "UInt32",  "Int64", "UInt64"};
+    "Int16",  "UInt16",  "Int32",  "UInt32",  "Int64", "UInt64", "Binary", "Clock"};
 
 static const char *const role_names[ROLES] = {
     "time",           "bus",       "waitForBus", "lease",  "whenMissing",    "whenFailed",
     "patience",       "readOnly",  "requireOperational",   "connected",      "state",   "cycle",
     "age",
     "missed",         "workingCounter", "workingCounterExpected", "valid",   "alState",
-    "alStatusCode",   "input",     "output"};
+    "alStatusCode",   "input",     "output",    "interval", "canState",      "sendErrors",
+    "receiveErrors",  "framesSent", "framesReceived",        "operationsRefused", "operationsLost",
+    "BusNotifications", "Rx_Clock", "Rx_Data",   "Tx_Clock", "Tx_Data"};
 
 /* --- words --------------------------------------------------------------------------------- */
 
@@ -143,7 +146,11 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   else
     variable->start.integer = number(r, 10, INT64_MIN, INT64_MAX);
   variable->name = copy(r, word(r));
-  if (variable->role < ROLE_VALID) return;
+  if (variable->role < ROLE_VALID || (variable->role > ROLE_OUTPUT && variable->role < ROLE_BUS_NOTIFICATIONS)) return;
+  if (variable->role > ROLE_OUTPUT) {
+    variable->ecu = (int)number(r, 10, 0, MAX_ECUS - 1);
+    return;
+  }
   variable->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
   if (variable->role < ROLE_INPUT) return;
   entry->index = (unsigned)number(r, 16, 1, 0xFFFF);
@@ -159,17 +166,40 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   if (!(entry->scale < 0 || entry->scale > 0)) r->wrong = 1;
 }
 
+#define ROLE_BIT(role) ((uint64_t)1 << (role))
+
+/* Checks the bus terminals, which have all of their variables once, and counts them. */
+static void check_ecus(reader *r, plant *p, uint64_t found) {
+  const uint64_t fixed = ROLE_BIT(ROLE_BUS_NOTIFICATIONS) - ROLE_BIT(ROLE_INTERVAL);
+  unsigned members[MAX_ECUS] = {0};
+  size_t i;
+  for (i = 0; i < p->variable_count; i++) {
+    const plant_variable *v = &p->variables[i];
+    int clock = v->role == ROLE_RX_CLOCK || v->role == ROLE_TX_CLOCK;
+    int binary = v->role == ROLE_RX_DATA || v->role == ROLE_TX_DATA;
+    if (clock != (v->type == PLANT_CLOCK) || binary != (v->type == PLANT_BINARY)) r->wrong = 1;
+    if (v->role == ROLE_INTERVAL && (v->type != PLANT_REAL || !(v->start.real > 0))) r->wrong = 1;
+    if (v->role < ROLE_BUS_NOTIFICATIONS) continue;
+    members[v->ecu] += 1u << 4 * (v->role - ROLE_BUS_NOTIFICATIONS);
+    if ((size_t)v->ecu >= p->ecu_count) p->ecu_count = (size_t)v->ecu + 1;
+  }
+  for (i = 0; i < p->ecu_count; i++)
+    if (members[i] != 0x11111) r->wrong = 1;
+  if (p->ecu_count > 0 && ((found & fixed) != fixed || p->slave_count == 0)) r->wrong = 1;
+}
+
 /* Checks that all parameters and diagnostics exist, since the plant looks them up by role, and that only
  * the bus name is a string. */
-static void check_roles(reader *r, const plant *p) {
-  unsigned found = 0, needed = (1u << ROLE_VALID) - 1u - (1u << ROLE_TIME);
+static void check_roles(reader *r, plant *p) {
+  uint64_t found = 0, needed = ROLE_BIT(ROLE_VALID) - 1u - ROLE_BIT(ROLE_TIME);
   size_t i;
   for (i = 0; i < p->variable_count; i++) {
     const plant_variable *variable = &p->variables[i];
     if ((variable->role == ROLE_BUS) != (variable->type == PLANT_STRING)) r->wrong = 1;
-    found |= 1u << variable->role;
+    found |= ROLE_BIT(variable->role);
   }
   if ((found & needed) != needed) r->wrong = 1;
+  check_ecus(r, p, found);
 }
 
 static void read_table(reader *r, plant *p) {
@@ -208,7 +238,7 @@ static void add_all(plant *p) {
   }
   for (i = 0; i < p->variable_count; i++) {
     plant_variable *variable = &p->variables[i];
-    if (variable->role < ROLE_INPUT) continue;
+    if (variable->role != ROLE_INPUT && variable->role != ROLE_OUTPUT) continue;
     variable->on_bus.slave = &p->slaves[variable->slave].on_bus;
     ecat_session_add_entry(&variable->on_bus);
   }

@@ -1,12 +1,13 @@
 /* The values of variables, which importers get and set. */
 #include "plant.h"
+#include "ls_bus.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 static int is_parameter(const plant_variable *v) {
-  return v->role >= ROLE_BUS && v->role <= ROLE_REQUIRE_OPERATIONAL;
+  return (v->role >= ROLE_BUS && v->role <= ROLE_REQUIRE_OPERATIONAL) || v->role == ROLE_INTERVAL;
 }
 
 static plant_variable *by_role(const plant *p, enum plant_role role) {
@@ -35,6 +36,7 @@ void plant_start_values(plant *p) {
   }
   plant_publish(p, ROLE_AGE, ECAT_AGE_NEVER, 0);
   for (i = 0; i < p->slave_count; i++) p->slaves[i].on_bus.writes = 0;
+  if (p->ls_bus != NULL) ls_bus_clear(p->ls_bus);
   free(p->bus_name);
   p->bus_name = strdup(p->bus_start);
 }
@@ -61,7 +63,7 @@ static int ready(plant *p) {
 int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value) {
   const plant_variable *v = find(p, reference, type, "get");
   if (v == NULL) return PLANT_ERROR;
-  if (v->role > ROLE_REQUIRE_OPERATIONAL && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
+  if (!is_parameter(v) && v->role != ROLE_TIME && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
   *value = v->value;
   if (v->role == ROLE_TIME) value->real = p->time;
   return PLANT_OK;
@@ -99,7 +101,7 @@ static int acceptable_parameter(plant *p, const plant_variable *v, double number
   if (failure && (number < ECAT_FAILURE_ERROR || number > ECAT_FAILURE_CONTINUE))
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: 1 is Error, 2 Wait, 3 Continue",
                      v->name, number);
-  if (number < 0)
+  if (number < 0 || (v->role == ROLE_INTERVAL && number == 0))
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is a time", v->name, number);
   return PLANT_OK;
 }
