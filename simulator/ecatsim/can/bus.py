@@ -139,6 +139,7 @@ class CanBus:
         self.name = name or f"can{next(_names)}"
         self.nodes: list[CanNode] = []
         self.places: list[str] = []
+        self._babbler: int | None = None
         self.now_ns = clock
         self._lib = c.library()
         pointer = self._lib.can_create(clock())
@@ -293,6 +294,15 @@ class CanBus:
             period_ns=round(1e9 / traffic.rate) if traffic.rate else 0,
             count=traffic.count,
         )
+
+    def babble(self, identifier: int | None) -> None:
+        """Has a node send a frame again and again, as fast as the bus allows; None: no more."""
+        if self._babbler is None:
+            self._babbler = self.add_place("babbling node")
+            self.power(self._babbler, True)
+        self.clear_traffic(self._babbler)
+        if identifier is not None:
+            self.add_traffic(self._babbler, Traffic(identifier))
 
     # --- state and faults ----------------------------------------------------------------------
 

@@ -84,8 +84,12 @@ class CanTerminal(Device):
     ) -> None:
         self._handshake, self._mode, self._kept = handshake_cycles, Mode(mode), kept
         self.rx_pdos, self.tx_pdos = self._pdos(min(self.told.layouts), *self._first_queues)
-        self.can = TerminalPort(bus or CanBus(), self.order, recovers=self.told.recovers)
+        self.plug(bus or CanBus())
         super().__init__()
+
+    def plug(self, bus: CanBus) -> None:
+        """Plugs it into a bus, before it is on a segment."""
+        self.can = TerminalPort(bus, self.order, recovers=self.told.recovers)
 
     @property
     def _first_queues(self) -> tuple[int, int]:
