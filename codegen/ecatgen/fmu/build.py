@@ -24,11 +24,20 @@ _FLOAT = {2: "Real", 3: "Float64"}
 _COUNTER = {2: "Integer", 3: "UInt32"}
 _ENUMERATION_ACCESS = {2: "Integer", 3: "Int64"}
 _REAL_LIMIT = {32: float(2**128 - 2**104), 64: float(2**1023) * (2 - 2.0**-52)}
+_UNSET = ("Clock", "Binary")
+"""Types without a start attribute. In the table, that of a clock says whether it is triggered."""
 _KNOWN_AT_START = ("bus", "whenMissing", "patience")
 """Parameters on which the initial values of the outputs depend."""
 
 
-def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], ecus: int = 0) -> Fmu:
+def build_fmu(
+    bus: Bus,
+    library: Library,
+    fmi: int,
+    sources: Sequence[str],
+    ecus: int = 0,
+    tx_clock: str = "",
+) -> Fmu:
     """Builds the FMU for a bus, without its token.
 
     Args:
@@ -36,12 +45,13 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str], ecus
         library: Library for the bus; the variables have its names.
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
-        ecus: With FMI 3.0: number of virtual ECUs on the CAN bus behind the only slave of the library.
+        ecus: With FMI 3.0: number of virtual ECUs on the CAN bus behind the only slave.
+        tx_clock: One of `TX_CLOCKS`, with ECUs.
     """
     instances = instance_names(library.blocks)
     builder = _Builder(fmi, bus)
     variables = tuple(builder.all(library.blocks, instances))
-    variables += tuple(builder.bus_terminals(ecus)) if ecus else ()
+    variables += tuple(builder.bus_terminals(ecus, tx_clock)) if ecus else ()
     references = {item.name: item.reference for item in variables}
     first = 1 if fmi == 2 else 0
     known = " ".join(str(references[item] + first) for item in _KNOWN_AT_START)
@@ -145,7 +155,7 @@ class _Value:
         """Returns the XML attributes of the type."""
         found = {"declaredType": self.declared, "unit": self.unit}
         for name, number in (("min", self.minimum), ("max", self.maximum), ("start", self.start)):
-            found[name] = "" if number is None else _number(number)
+            found[name] = "" if number is None or self.access in _UNSET else _number(number)
         return tuple((name, value) for name, value in found.items() if value) + self.more
 
     def limits(self) -> str:
@@ -180,18 +190,19 @@ class _Builder:
         for number, (block, instance) in enumerate(zip(blocks, instances, strict=True)):
             yield from self._slave(number, block, instance)
 
-    def bus_terminals(self, ecus: int) -> Iterator[Variable]:
+    def bus_terminals(self, ecus: int, tx_clock: str) -> Iterator[Variable]:
         """Builds the variables of a CAN bus, and those of the bus terminals of its virtual ECUs."""
         for item in common.OF_CAN:
             value = self._fixed(item)
-            if item.name == common.INTERVAL:
+            if item.name != common.INTERVAL:
+                yield self._variable((item.name, item.description), "output", item.name, value)
+            elif tx_clock == common.TX_CLOCKS[0]:
                 value = replace(value, start=self._bus.cycle_time_us / 1e6)
-            causality = "parameter" if item.name == common.INTERVAL else "output"
-            yield self._variable((item.name, item.description), causality, item.name, value)
+                yield self._variable((item.name, item.description), "parameter", item.name, value)
         for number in range(ecus):
-            yield from self._bus_terminal(number)
+            yield from self._bus_terminal(number, tx_clock)
 
-    def _bus_terminal(self, number: int) -> Iterator[Variable]:
+    def _bus_terminal(self, number: int, tx_clock: str) -> Iterator[Variable]:
         place = Code(" %d") % number
         first = self._count
         references = {name: str(first + 1 + n) for n, name in enumerate(common.BUS_TERMINAL)}
@@ -205,7 +216,9 @@ class _Builder:
         )
         for name, (causality, description) in common.BUS_TERMINAL.items():
             end, _, kind = name.partition("_")
-            more: Attributes = (("intervalVariability", common.CLOCKS[end]),)
+            is_triggered = end == "Rx" or tx_clock == "triggered"
+            clock = "triggered" if is_triggered else "countdown"
+            more: Attributes = (("intervalVariability", clock),)
             if kind == "Data":
                 more = (
                     ("clocks", references[f"{end}_Clock"]),
@@ -215,9 +228,9 @@ class _Builder:
             element = "Binary" if kind == "Data" else "Clock"
             yield self._variable(
                 (f"{ecu_name(number)}.{name}", description),
-                causality,
+                "output" if name == "Tx_Clock" and is_triggered else causality,
                 name,
-                _Value(element, element, more=more),
+                _Value(element, element, start=int(is_triggered), more=more),
                 place,
             )
 

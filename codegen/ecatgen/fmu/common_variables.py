@@ -145,6 +145,8 @@ BUS_TERMINAL = {
 }
 """The variables of a bus terminal, as FMI-LS-BUS names them."""
 
-CLOCKS = {"Rx": "triggered", "Tx": "countdown"}
+TX_CLOCKS = ("countdown", "triggered")
+"""How the importer learns of something for an ECU: by asking again and again, or at once."""
+
 MAXIMUM = {"Rx": 1 << 16, "Tx": 2048}
 MIME_TYPE = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'

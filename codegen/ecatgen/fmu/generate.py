@@ -14,8 +14,8 @@ from ..origin import dump_origin, essence, read_origin
 from .archive import member, pack, write
 from .build import build_fmu
 from .files import fixed_files
-from .render import render
 from .identity import with_token
+from .render import render
 
 _ORIGIN = "resources/bus.json"
 

@@ -1,4 +1,4 @@
-"""The token of an FMU, by which an importer knows that model description and binary belong together."""
+"""The token of an FMU, by which its model description and its binary know each other."""
 
 from __future__ import annotations
 

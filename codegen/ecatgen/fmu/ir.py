@@ -64,7 +64,7 @@ class Variable:
         element: Name of the XML element of its type.
         attributes: Attributes of the variable.
         type_attributes: Attributes that belong to its type.
-        start_texts: Start value of a text or of bytes in FMI 3.0, in which it is a separate element.
+        start_texts: Start value of a text or of bytes in FMI 3.0, which is a separate element.
         unit: Unit, or empty.
         kind: Type for the documentation, as FMI calls it.
         limits: Smallest and largest value for the documentation, or empty.

@@ -14,9 +14,10 @@ from ..origin import essence
 from ..text import Code
 from .archive import pack, write
 from .build import build_fmu
+from .common_variables import TX_CLOCKS
 from .files import fixed_files
-from .render import render
 from .identity import with_token
+from .render import render
 
 MOST_ECUS = 16
 _FMI = 3  # the first version with clocks
@@ -67,7 +68,14 @@ class LsBusReport:
 
 
 def generate_ls_bus(
-    bus: Bus, name: str, out: Path, slave: int | str, ecus: int = 1, *, check: bool = False
+    bus: Bus,
+    name: str,
+    out: Path,
+    slave: int | str,
+    ecus: int = 1,
+    tx_clock: str = TX_CLOCKS[0],
+    *,
+    check: bool = False,
 ) -> LsBusReport:
     """Writes a bus simulation FMU for the CAN bus behind a terminal.
 
@@ -80,6 +88,7 @@ def generate_ls_bus(
         out: Directory that the file `name`.fmu is written to.
         slave: Position or name of the terminal.
         ecus: Number of virtual ECUs that can be connected.
+        tx_clock: How an importer learns that there is something for an ECU: one of `TX_CLOCKS`.
         check: Write nothing, only report what would change.
 
     Raises:
@@ -95,6 +104,7 @@ def generate_ls_bus(
     library = build_library(essence(bus), name)
     block = next(item for item in library.blocks if item.position == position)
     given = "" if ecus == 1 else f" --ls-bus-ecus {ecus}"
+    given += "" if tx_clock == TX_CLOCKS[0] else f" --ls-bus-clock {tx_clock}"
     library = replace(
         library,
         description=f"The CAN bus behind {block.slave_label} on the EtherCAT bus {bus.name}",
@@ -104,7 +114,7 @@ def generate_ls_bus(
     )
     fixed = fixed_files(_FMI, library.name)
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    fmu = with_token(build_fmu(bus, library, _FMI, sources, ecus), fixed)
+    fmu = with_token(build_fmu(bus, library, _FMI, sources, ecus, tx_clock), fixed)
     path = out / f"{fmu.name}.fmu"
     changed = write(path, pack(render(fmu) | fixed), check=check)
     return LsBusReport(path, block.slave_label, ecus, changed)

@@ -72,6 +72,12 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
         metavar="N",
         help="with --ls-bus: number of virtual ECUs, each with a bus terminal (default: 1)",
     )
+    command.add_argument(
+        "--ls-bus-clock",
+        choices=("countdown", "triggered"),
+        help="with --ls-bus: kind of the clocks Tx_Clock; triggered is for tools that cannot do "
+        "countdown (default)",
+    )
     _add_rewrite(command)
 
 
@@ -126,12 +132,14 @@ def generate(options: argparse.Namespace) -> int:
     """
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: give --fmu, too")
-    if options.ls_bus_ecus is not None and options.ls_bus is None:
-        raise UsageError("--ls-bus-ecus is the number of virtual ECUs: give --ls-bus, too")
+    if options.ls_bus is None and (options.ls_bus_ecus is not None or options.ls_bus_clock):
+        raise UsageError("--ls-bus-ecus and --ls-bus-clock are about --ls-bus: give it, too")
     if options.fmu and options.ls_bus is not None:
         raise UsageError("--fmu has the values of the bus, --ls-bus a CAN bus: give one of them")
     if options.ls_bus is not None and (options.force or options.templates):
-        raise UsageError("--force and --templates are about libraries: leave them out with --ls-bus")
+        raise UsageError(
+            "--force and --templates are about libraries: leave them out with --ls-bus"
+        )
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
     bus, more = get_bus(options)
@@ -146,7 +154,8 @@ def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport | LsB
         return fmu.generate_fmu(bus, name, out, options.fmi or 2, check=check)
     if options.ls_bus is not None:
         ecus = 1 if options.ls_bus_ecus is None else options.ls_bus_ecus
-        return fmu.generate_ls_bus(bus, name, out, options.ls_bus, ecus, check=check)
+        clock = options.ls_bus_clock or "countdown"
+        return fmu.generate_ls_bus(bus, name, out, options.ls_bus, ecus, clock, check=check)
     standard = user_config("templates")
     templates = [*options.templates, *([standard] if standard.is_dir() else [])]
     return generate(bus, name, out, templates, check=check, force=options.force)

@@ -1,7 +1,7 @@
 /* The functions of FMI 3.0 (co-simulation). */
 #include <stdlib.h>
 
-#include "plant.h"
+#include "ls_bus.h"
 #include "fmi/fmi3Functions.h"
 
 #define STATE(name) (1u << PLANT_##name)
@@ -118,7 +118,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
   (void)no_set_state;
   if (p == NULL) return fmi3Error;
   status = plant_step(p, time, step);
-  if (events != NULL) *events = fmi3False;
+  if (events != NULL) *events = status == PLANT_OK && ls_bus_has_event(p);
   if (terminate != NULL) *terminate = fmi3False;
   if (early != NULL) *early = fmi3False;
   if (reached != NULL) *reached = p->time;

@@ -38,6 +38,7 @@ typedef struct ls_ecu {
   int off; /* it says that it is bus-off */
   uint32_t bit_rate; /* that it has configured, 0: none */
   int rx_active, tx_active;  /* its clocks, in this event */
+  int tx_seen;               /* a Tx_Clock that is an output has ticked, and the importer has seen it */
   int changed;               /* the importer does not know yet when Tx_Clock is to tick */
   size_t received, backlog, taken; /* bytes; `taken`: of the backlog, which the importer takes in this event */
   uint8_t from[BACKLOG], to[BACKLOG];
@@ -101,7 +102,7 @@ void ls_bus_clear(ls_bus *b) {
     ls_ecu *e = &ecus[i];
     e->number = (unsigned)i;
     e->told = 0;
-    e->off = e->rx_active = e->tx_active = 0;
+    e->off = e->rx_active = e->tx_active = e->tx_seen = 0;
     e->bit_rate = 0;
     e->changed = 1;
     e->received = e->backlog = e->taken = e->first = e->waiting = 0;
@@ -547,7 +548,7 @@ int ls_bus_event(plant *p) {
       if (e->backlog == 0) e->told &= ~(unsigned)TOLD_LATE;
     }
     if (e->rx_active) take_operations(p, e);
-    e->rx_active = e->tx_active = 0;
+    e->rx_active = e->tx_active = e->tx_seen = 0;
     e->received = e->taken = 0;
   }
   return has_bus(p) ? send_waiting(p) : 0;
@@ -566,13 +567,6 @@ static int is_role(const plant *p, unsigned reference, enum plant_role role) {
   return p->variables[reference].role == role;
 }
 
-int ls_bus_get_clock(plant *p, unsigned reference, int *active) {
-  const ls_ecu *e = find(p, reference, ROLE_RX_CLOCK, ROLE_TX_CLOCK, "get a clock");
-  if (e == NULL) return PLANT_ERROR;
-  *active = is_role(p, reference, ROLE_RX_CLOCK) ? e->rx_active : e->tx_active;
-  return PLANT_OK;
-}
-
 /* The longest beginning of the backlog that has whole operations only, and that a node must be able to take. */
 static size_t batch(const ls_ecu *e) {
   const uint8_t *bytes = e->to;
@@ -583,15 +577,40 @@ static size_t batch(const ls_ecu *e) {
   return length;
 }
 
-int ls_bus_set_clock(plant *p, unsigned reference, int active) {
-  ls_ecu *e = find(p, reference, ROLE_RX_CLOCK, ROLE_TX_CLOCK, "set a clock");
+static void activate(ls_ecu *e, int active) {
+  e->tx_active = active;
+  e->taken = active ? batch(e) : 0;
+}
+
+int ls_bus_has_event(const plant *p) {
+  size_t i;
+  for (i = 0; p->ls_bus != NULL && p->triggered && i < p->ls_bus->count; i++)
+    if (p->ls_bus->ecus[i].backlog > 0) return 1;
+  return 0;
+}
+
+int ls_bus_get_clock(plant *p, unsigned reference, int *active) {
+  ls_ecu *e = find(p, reference, ROLE_RX_CLOCK, ROLE_TX_CLOCK, "get a clock");
   if (e == NULL) return PLANT_ERROR;
   if (is_role(p, reference, ROLE_RX_CLOCK)) {
-    e->rx_active = active;
-  } else {
-    e->tx_active = active;
-    e->taken = active ? batch(e) : 0;
+    *active = e->rx_active;
+  } else if (!p->triggered || p->state != PLANT_EVENTS) {
+    *active = e->tx_active;
+  } else { /* an output is active once in an event */
+    if (!e->tx_active && e->backlog > 0) activate(e, 1);
+    *active = e->tx_active && !e->tx_seen;
+    e->tx_seen = e->tx_active;
   }
+  return PLANT_OK;
+}
+
+int ls_bus_set_clock(plant *p, unsigned reference, int active) {
+  ls_ecu *e = find(p, reference, ROLE_RX_CLOCK, p->triggered ? ROLE_RX_CLOCK : ROLE_TX_CLOCK, "set a clock");
+  if (e == NULL) return PLANT_ERROR;
+  if (is_role(p, reference, ROLE_RX_CLOCK))
+    e->rx_active = active;
+  else
+    activate(e, active);
   return PLANT_OK;
 }
 
@@ -619,7 +638,8 @@ int ls_bus_set_binary(plant *p, unsigned reference, const uint8_t *bytes, size_t
 }
 
 int ls_bus_get_interval(plant *p, unsigned reference, double *interval, int *changed) {
-  ls_ecu *e = find(p, reference, ROLE_TX_CLOCK, ROLE_TX_CLOCK, "get an interval");
+  enum plant_role role = p->triggered ? ROLES : ROLE_TX_CLOCK;
+  ls_ecu *e = find(p, reference, role, role, "get an interval");
   if (e == NULL) return PLANT_ERROR;
   *interval = plant_real(p, ROLE_INTERVAL);
   *changed = e->changed;

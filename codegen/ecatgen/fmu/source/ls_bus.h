@@ -35,6 +35,8 @@ int ls_bus_get_clock(plant *p, unsigned reference, int *active);
 int ls_bus_set_clock(plant *p, unsigned reference, int active);
 int ls_bus_get_binary(plant *p, unsigned reference, const uint8_t **bytes, size_t *length);
 int ls_bus_set_binary(plant *p, unsigned reference, const uint8_t *bytes, size_t length);
+/* Whether a Tx_Clock that is an output is about to tick. */
+int ls_bus_has_event(const plant *p);
 /* The time in s from now, or from the last call that has said `*changed`, until a Tx_Clock is to tick. */
 int ls_bus_get_interval(plant *p, unsigned reference, double *interval, int *changed);
 

@@ -133,6 +133,7 @@ typedef struct plant {
   char *bus_name, *bus_start;
 
   size_t ecu_count;
+  int triggered; /* their Tx_Clocks are outputs, and not countdowns of the importer */
   struct ls_bus *ls_bus; /* NULL: no bus terminals */
 
   ecat_session session;

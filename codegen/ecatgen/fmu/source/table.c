@@ -10,7 +10,8 @@
  *     variables COUNT                    in the order of their value references, 0 first
  *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET MINIMUM
  *         MAXIMUM UNIT]]             the unit is the rest of the line, and may be empty
- *     variable TYPE ROLE START NAME ECU    of a bus terminal; the CAN bus is that of the first slave
+ *     variable TYPE ROLE START NAME ECU    of a bus terminal; the CAN bus is that of the first slave. START of
+ *                                          Tx_Clock: 0 countdown, 1 triggered
  *
  * Floating-point numbers are the 16 hexadecimal digits of their IEEE 754 bits: exact, and the same in
  * every locale.
@@ -170,7 +171,7 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
 
 /* Checks the bus terminals, which have all of their variables once, and counts them. */
 static void check_ecus(reader *r, plant *p, uint64_t found) {
-  const uint64_t fixed = ROLE_BIT(ROLE_BUS_NOTIFICATIONS) - ROLE_BIT(ROLE_INTERVAL);
+  const uint64_t fixed = ROLE_BIT(ROLE_BUS_NOTIFICATIONS) - ROLE_BIT(ROLE_CAN_STATE);
   unsigned members[MAX_ECUS] = {0};
   size_t i;
   for (i = 0; i < p->variable_count; i++) {
@@ -179,6 +180,7 @@ static void check_ecus(reader *r, plant *p, uint64_t found) {
     int binary = v->role == ROLE_RX_DATA || v->role == ROLE_TX_DATA;
     if (clock != (v->type == PLANT_CLOCK) || binary != (v->type == PLANT_BINARY)) r->wrong = 1;
     if (v->role == ROLE_INTERVAL && (v->type != PLANT_REAL || !(v->start.real > 0))) r->wrong = 1;
+    if (v->role == ROLE_TX_CLOCK) p->triggered |= v->start.integer != 0;
     if (v->role < ROLE_BUS_NOTIFICATIONS) continue;
     members[v->ecu] += 1u << 4 * (v->role - ROLE_BUS_NOTIFICATIONS);
     if ((size_t)v->ecu >= p->ecu_count) p->ecu_count = (size_t)v->ecu + 1;
@@ -186,6 +188,7 @@ static void check_ecus(reader *r, plant *p, uint64_t found) {
   for (i = 0; i < p->ecu_count; i++)
     if (members[i] != 0x11111) r->wrong = 1;
   if (p->ecu_count > 0 && ((found & fixed) != fixed || p->slave_count == 0)) r->wrong = 1;
+  if (p->ecu_count > 0 && !p->triggered && !(found & ROLE_BIT(ROLE_INTERVAL))) r->wrong = 1;
 }
 
 /* Checks that all parameters and diagnostics exist, since the plant looks them up by role, and that only
