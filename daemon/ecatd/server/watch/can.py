@@ -138,7 +138,7 @@ class CanWatch:
         event, client = events[-1]
         label = self._bus.slaves[event.slave].label
         facts: dict[str, Any] = {"slave": event.slave, "cycle": event.cycle}
-        good = False
+        good, text = False, ""
         if client is not None:
             facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         match kind:
@@ -171,7 +171,7 @@ class CanWatch:
                     "exchange it more often, or let filters of its [slave.can] pass only what is "
                     "needed"
                 )
-            case _:
+            case EventType.CAN_MALFORMED:
                 text = (
                     f"{label} says that it delivers {event.value} CAN frames, but its process data "
                     f"have room for {self._rows[event.slave].receive_queue}: ecatd uses those that "
