@@ -28,6 +28,8 @@ NEEDED = {
     "[[slave.idn]]": "idn = 'S-0-0036'\nvalue = 1",
     "[[dc.slave]]": "slave = 0",
     "[[outputs.safe]]": "slave = 0\nvalue = 'quick_stop'",
+    "[slave.can]": "bit_rate = 500",
+    "[[slave.can.safe]]": "id = 0",
     "[[signal]]": "slave = 0\nentry = '0x6000:01'",
     "[[copy]]": "slave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'",
     "[[gateway.user]]": "name = 'anna'",
@@ -36,6 +38,7 @@ NEEDED = {
 """Keys without which a table is refused."""
 ABOVE = {
     "[[slave.pdo.entries]]": "[[slave]]\nposition = 0\n[[slave.pdo]]\nindex = 0x1600\n",
+    "[[slave.can.safe]]": "[[slave]]\nposition = 0\n[slave.can]\nbit_rate = 500\n",
     "[[gateway.user]]": "[gateway]\nusers_ca = '/ca.pem'\n",
     **dict.fromkeys(
         (
@@ -44,6 +47,7 @@ ABOVE = {
             "[[slave.startup]]",
             "[[slave.idn]]",
             "[slave.eoe]",
+            "[slave.can]",
         ),
         "[[slave]]\nposition = 0\n",
     ),

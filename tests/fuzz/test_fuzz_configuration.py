@@ -109,6 +109,27 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "dns": ['"10.0.0.1"'],
         "name": ['"web-1"'],
     },
+    "[slave.can]": {
+        "bit_rate": ["500", "1000"],
+        "layout": ['"el6751"', '"esd-c2922"'],
+        "identifiers": ["29"],
+        "mode": ['"buffered"'],
+        "sample_point": ["87", "75.0"],
+        "frames_per_second": ["2000", '"full"'],
+        "receive_queue": ["1", "32"],
+        "send_queue": ["16"],
+        "filters": ["[0x181]", '["0x180-0x1FF", "5"]'],
+        "flags": ["8"],
+    },
+    "[[slave.can.safe]]": {
+        "id": ["0", "0x1FFFFFFF"],
+        "extended": ["true"],
+        "remote": ["false"],
+        "data": ['"01 00"'],
+        "period_ms": ["0", "60000"],
+        "identifiers": ["[1, '2-3']"],
+        "when": ['"lost"', '"ended"'],
+    },
     "[[domain]]": {
         "name": ['"fast"'],
         "divider": ["4", "65535"],
@@ -220,7 +241,19 @@ ONCE = ("[[slave]]", "[[slave.module]]", "[[slave.pdo]]", "[[dc.slave]]", "[[sig
 """Tables of which two with the same slave, slot, index or entry contradict each other."""
 
 MARKS = {"alias", "identification"}
-INNER = {"slave", "safe", "module", "pdo", "startup", "idn", "domain", "signal", "copy", "eoe"}
+INNER = {
+    "slave",
+    "safe",
+    "module",
+    "pdo",
+    "startup",
+    "idn",
+    "domain",
+    "signal",
+    "copy",
+    "eoe",
+    "can",
+}
 NUMBER = re.compile(r"-?[0-9][0-9_.e]*|0x[0-9A-F]+")
 
 
@@ -303,6 +336,9 @@ def slave_parts(dice: Random, number: int, name: str) -> Iterator[Part]:
     if dice.random() < 0.4:
         own = {"mac": f'"02:00:00:00:00:0{number}"', "address": f'"192.168.7.{number + 2}/24"'}
         yield some_keys(dice, "[slave.eoe]", **own)
+    if dice.random() < 0.4:
+        yield some_keys(dice, "[slave.can]", bit_rate="500")
+        yield some_keys(dice, "[[slave.can.safe]]", id="0")
 
 
 def configuration(dice: Random) -> list[Part]:
@@ -374,6 +410,7 @@ def test_every_key_has_values(tmp_path: Path) -> None:
     """The reader lists the keys of a table that has an unknown one."""
     for header, values in VALUES.items():
         above = "[[slave]]\nposition = 0\n" if header.strip("[]").startswith("slave.") else ""
+        above += "[slave.can]\nbit_rate = 500\n" if header == "[[slave.can.safe]]" else ""
         said = refusal(tmp_path / "x.toml", f"{above}{header}\nzzzzzzzz = 0\n")
         known = set(said.rpartition("the keys here are ")[2].split(", "))
         name = header.strip("[]")

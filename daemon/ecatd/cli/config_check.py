@@ -18,6 +18,7 @@ from ecatd.config.problems import Collected
 from ecatd.config.profiles import load_profiles
 from ecatd.config.resolve import (
     alike_slaves,
+    can_change,
     load_description,
     misfits,
     missing_folders,
@@ -241,6 +242,9 @@ def _changed_pdos(wanted: Config, bus: Bus, unknown: Collection[int]) -> dict[in
     """By position, which other PDOs, or other entries, a start would write to slaves."""
     slaves = {n: bus.slaves[n] for n in range(len(bus.slaves)) if n not in unknown}
     changes = {n: pdo_change(wanted.settings_of(n), slave) for n, slave in slaves.items()}
+    for n, slave in slaves.items():
+        with Collected():  # what is wrong with the table itself is found elsewhere
+            changes[n] = changes[n] or can_change(wanted, wanted.settings_of(n), slave)
     return {n: text for n, text in changes.items() if text}
 
 

@@ -26,6 +26,7 @@ from ecatd.config import (
 from ecatd.config.expected_bus import compare
 from ecatd.config.meanings import object_meaning
 from ecatd.config.profiles import load_profiles
+from ecatd.config.resolve import with_can_objects
 from ecatd.config.writer import value_text
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.physical import physical_text
@@ -175,6 +176,7 @@ def _compared(remote: Remote, bus: Bus, here: Config, chosen: Slave | None) -> I
             continue
         if settings.position >= len(bus.slaves):
             continue
+        settings = with_can_objects(here, settings, bus.slaves[settings.position])
         in_op = _in_force(settings)
         for parameter in settings.startup:
             row: dict[str, Any] = {"slave": settings.position, "object": parameter.object}

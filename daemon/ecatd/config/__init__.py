@@ -7,6 +7,7 @@ Unknown keys are refused, and the message suggests the nearest valid one. Every 
 file and line.
 """
 
+from .can import CanSafeConfig, SlaveCanConfig
 from .clocks import DcConfig, DcSlaveConfig
 from .config import (
     Config,
@@ -33,6 +34,7 @@ __all__ = [
     "TOLERANT",
     "TRANSITIONS",
     "TRANSITIONS_DOWN",
+    "CanSafeConfig",
     "Config",
     "CopyConfig",
     "DcConfig",
@@ -52,6 +54,7 @@ __all__ = [
     "RecoveryConfig",
     "SafeConfig",
     "SignalConfig",
+    "SlaveCanConfig",
     "SlaveConfig",
     "StartupConfig",
     "UserConfig",

@@ -86,6 +86,7 @@ _ABOUT: dict[str, tuple[str, ...]] = {
     "slave.pdo": ("index",),
     "slave.startup": ("object", "transition"),
     "slave.idn": ("idn", "drive", "transition"),
+    "slave.can.safe": ("id",),
     "domain": (),
     "dc.slave": ("slave",),
     "outputs.safe": ("slave", "entry"),
@@ -95,7 +96,7 @@ _ABOUT: dict[str, tuple[str, ...]] = {
 """Arrays of tables, and the keys that say what each table is about. Slaves and domains have rules
 of their own."""
 
-_ORDERED = ("domain", "slave.startup", "slave.idn", "outputs.safe")
+_ORDERED = ("domain", "slave.startup", "slave.idn", "slave.can.safe", "outputs.safe")
 """Arrays whose order means something."""
 
 
@@ -162,7 +163,7 @@ def _labels(kind: str, rows: Sequence[_Row]) -> list[_Label]:
     seen: Counter[str] = Counter()
     labels: list[_Label] = []
     for row in rows:
-        parts = [f"0x{row[k]:04X}" if k == "index" else str(row[k]) for k in _ABOUT[kind]]
+        parts = [f"0x{row[k]:04X}" if k in ("index", "id") else str(row[k]) for k in _ABOUT[kind]]
         text = " ".join(filter(None, parts))
         seen[text] += 1
         labels.append(f"{text} #{seen[text]}" if seen[text] > 1 else text)

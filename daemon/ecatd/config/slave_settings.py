@@ -25,7 +25,9 @@ from ecatd.description.limits import (
     is_slave_name,
 )
 from ecatd.description.witnesses import COE, CONFIGURATION, SII, SOE
+from ecatd.etg.can_terminals import SETTLED_PDOS
 
+from .can import SlaveCanConfig, read_slave_can
 from .eoe import SlaveEoeConfig, read_slave_eoe
 from .idns import IdnConfig, read_idn_parameter
 from .pdos import PdoConfig, check_pdos, read_assigned
@@ -193,6 +195,7 @@ class SlaveConfig(Placed):
         startup: Start-up parameters in the order in which they are written.
         idn: IDNs for drives with SoE, in the order in which they are written; behind `startup`.
         eoe: Its IP parameters. None: it keeps those that it has.
+        can: The CAN bus behind it. None: its process data are like those of others.
     """
 
     # If something else finds the slave: above `POSITION_MAX`, until the bus is known.
@@ -222,6 +225,7 @@ class SlaveConfig(Placed):
     startup: Annotated[list[StartupConfig], array(read_parameter)] = field(default_factory=list)
     idn: Annotated[list[IdnConfig], array(read_idn_parameter)] = field(default_factory=list)
     eoe: Annotated[SlaveEoeConfig | None, read_slave_eoe] = None
+    can: Annotated[SlaveCanConfig | None, read_slave_can] = None
 
     @property
     def mark(self) -> Mark | None:
@@ -241,7 +245,7 @@ class SlaveConfig(Placed):
     @property
     def writes_objects(self) -> bool:
         """Whether anything is written to objects or IDNs of the slave before SAFEOP."""
-        tables = self.module or self.mapped or self.startup or self.idn
+        tables = self.module or self.mapped or self.startup or self.idn or self.can
         return self.pdos is not None or bool(tables)
 
     @property
@@ -258,6 +262,8 @@ class SlaveConfig(Placed):
     def remapped(self) -> set[int]:
         """Indices of the PDOs that get other entries when the slave starts."""
         indices = {pdo.index for pdo in self.mapped} | {item.address[0] for item in self.startup}
+        if self.can is not None:
+            indices |= SETTLED_PDOS
         return indices | {item.telegram for item in self.idn if item.telegram is not None}
 
     @property

@@ -15,6 +15,7 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.description.limits import SIGNAL_NAME_BYTES, SLAVE_NAME_BYTES
 from ecatd.description.modules import module_differences
 from ecatd.description.witnesses import contradiction_text
+from ecatd.etg.can_terminals import terminal_of
 from ecatd.etg.datatypes import STRINGS, parse_type
 from ecatd.etg.pdo import Entry
 
@@ -26,7 +27,7 @@ from .slave_settings import ModuleConfig, SlaveConfig
 
 _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min", "ident")
-_HEX16 = ("index", "pdos", "identification_register")
+_HEX16 = ("index", "pdos", "identification_register", "id", "flags")
 _COPY_EXAMPLE = [
     "",
     "# [[copy]]  # an input of one slave decides an output of another, in every cycle",
@@ -182,6 +183,7 @@ def _slave(
         "startup",
         "idn",
         "eoe",
+        "can",
         "pdos",
         *["position"] * (not placed),
         *["watchdog_ms"] * off,
@@ -223,6 +225,13 @@ def _slave(
         yield from ("", "[slave.eoe]", *_scalars(settings.eoe, comments=False))
     elif slave.eoe:
         yield from ("", "# [slave.eoe]  # its IP parameters", '# address = "192.168.7.2/24"')
+    if settings.can is not None:
+        yield from ("", "[slave.can]", *_scalars(settings.can, always=("mode",), comments=False))
+        for safe in settings.can.safe:
+            yield from ("", "[[slave.can.safe]]")
+            yield from _scalars(safe, always=("id", "period_ms", "when"), comments=False)
+    elif terminal_of(slave.vendor, slave.product) is not None:
+        yield from ("", "# [slave.can]  # the CAN bus behind it", "# bit_rate = 500")
 
 
 def _has_other_modules(settings: SlaveConfig, slave: Slave) -> bool:

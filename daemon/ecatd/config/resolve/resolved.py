@@ -17,6 +17,7 @@ from .. import Config, DomainConfig
 from ..meanings import give_meanings, raw_parameters, without_meanings
 from ..problems import AT_ONCE, Collected, Problems
 from ..profiles import Profiles
+from .can import CanChannel, can_channels, with_can_objects
 from .clocks import ClockPlan, plan_clocks
 from .copies import Copy, find_copies
 from .safe import SafeOutputs, safe_outputs
@@ -34,11 +35,13 @@ class ResolvedConfig:
         safe: Safe values of the outputs.
         copies: Outputs that get the value of an input.
         clocks: The distributed clocks, if they are used.
+        can: The CAN buses behind terminals.
     """
 
     safe: SafeOutputs
     copies: list[Copy]
     clocks: ClockPlan | None
+    can: list[CanChannel]
 
 
 def resolve_config(
@@ -72,7 +75,8 @@ def resolve_config(
     safe = safe_outputs(bus, rules, signals, problems)
     copies = find_copies(bus, config.copy, safe.stops, uncertain, problems)
     assign_domains(bus, config.domain, idle, problems)
-    return ResolvedConfig(safe, copies, plan_clocks(bus, config, wire, problems))
+    can = can_channels(config, bus, {*uncertain, *idle}, problems)
+    return ResolvedConfig(safe, copies, plan_clocks(bus, config, wire, problems), can)
 
 
 class _Rule(Protocol):
@@ -166,6 +170,7 @@ def misfits(
         slave.given_name, slave.group = settings.name, settings.group_at(slave.position)
         if slave.position not in uncertain:
             raw_parameters(settings, slave, profiles, config.signal, problems)
+        with_can_objects(config, settings, slave, problems)
     wire = [slave.position for slave in bus.slaves]
     resolve_config(config, bus, profiles, wire, uncertain, uncertain, problems)
     for slave in bus.slaves:

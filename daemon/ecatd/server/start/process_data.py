@@ -53,6 +53,9 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
             log.warning(copy.missing)
     for sentence in resolved.safe.unguarded:
         log.warning(sentence)
+    for channel in resolved.can:
+        if channel.remark:
+            log.warning(channel.remark)
     image = lay_out(bus, without_lrw(master, found.present))
     wire = wire_time(
         image,

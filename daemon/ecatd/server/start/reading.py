@@ -12,7 +12,7 @@ from ecatd.base.paths import profile_folders
 from ecatd.config import Config
 from ecatd.config.meanings import raw_parameters, unknown_types
 from ecatd.config.profiles import Profiles, load_profiles
-from ecatd.config.resolve import alike_slaves, check_slaves, load_description
+from ecatd.config.resolve import alike_slaves, check_slaves, load_description, with_can_objects
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import Condition
 from ecatd.etg.al import AlState
@@ -207,6 +207,7 @@ def _make_raw(found: FoundBus, profiles: Profiles) -> None:
             item = found.scanned[wanted.position]
             slave = with_eeprom_pdos(item.slave, item.sii)
             wanted = raw_parameters(wanted, slave, profiles, found.config.signal)
+            wanted = with_can_objects(found.config, wanted, slave)
         raw.append(wanted)
     found.config = replace(found.config, slave=raw)
 

@@ -114,6 +114,9 @@ class SlaveConfiguration(SlaveMailbox):
                 )
             except SdoAbortError as abort:
                 why = f"refuses its start-up parameter {_text(parameter)}: {reason(abort)}"
+                if "object" not in parameter.table:  # it follows from another table
+                    why += "; correct or remove the table"
+                    raise RefusedError(self._slave, why, parameter.table.where()) from abort
                 error = RefusedError(self._slave, why, parameter.table.where("object"))
                 refused.append(_refused(error, transition, optional=parameter.optional))
         return refused
