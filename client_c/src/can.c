@@ -371,7 +371,7 @@ static int check_frame(ecat_t *bus, int channel, const ecat_can_frame *frame) {
                      extended ? 29 : 11);
   if (extended && bus->can[channel].identifier_bits != 29)
     return ecat_fail(bus, ECAT_ERANGE,
-                     "the CAN channel of slave %d (%s) has identifiers of 11 bits: set identifier_bits = 29 in its "
+                     "the CAN channel of slave %d (%s) has identifiers of 11 bits: set identifiers = 29 in its "
                      "[slave.can] in the configuration of the daemon",
                      bus->can[channel].slave, name_of(bus, channel));
   range.first = range.last = id;

@@ -64,7 +64,10 @@ static void record_own(cyclic_t *c, struct can_channel *channel, const struct ca
                                 .number = frame->number};
   memcpy(record.data, frame->data, sizeof record.data);
   write_record(c, channel, &record);
-  counter_add(sent ? &channel->shared->sent : &channel->shared->unsent, 1);
+  if (sent)
+    counter_add(&channel->shared->sent, 1);
+  else
+    counter_add(&channel->shared->unsent, 1);
   cyclic_can_conclude(c, channel, frame, sent);
 }
 

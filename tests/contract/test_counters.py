@@ -69,7 +69,11 @@ def test_what_is_counted_arrives_everywhere() -> None:
 
 @pytest.mark.parametrize(
     ("struct", "items"),
-    [("health", shm.COUNTERS), ("status|domain_status", shm.DOMAIN_COUNTERS)],
+    [
+        ("health", shm.COUNTERS),
+        ("status|domain_status", shm.DOMAIN_COUNTERS),
+        ("shared", shm.CAN_COUNTERS),
+    ],
 )
 def test_each_is_counted_somewhere(struct: str, items: tuple[shm.Counter, ...]) -> None:
     engine = "".join(file.read_text() for file in (ROOT / "daemon" / "cyclic").glob("*.c"))
@@ -82,7 +86,7 @@ def test_each_is_counted_somewhere(struct: str, items: tuple[shm.Counter, ...]) 
 
 
 def test_each_says_what_it_is() -> None:
-    for item in (*shm.COUNTERS, *shm.DOMAIN_COUNTERS):
+    for item in (*shm.COUNTERS, *shm.DOMAIN_COUNTERS, *shm.CAN_COUNTERS):
         assert item.severity in ("info", "notice", "warning"), item.name
         assert item.unit == "ns" or item.unit in item.meaning, "the meaning names what is counted"
         assert item.name.endswith("_ns") == (item.unit == "ns")

@@ -88,8 +88,13 @@ def times(text: str) -> int:
     return value
 
 
-def add_watch(command: argparse.ArgumentParser) -> None:
-    """Adds `--watch` and `--count`, for commands that can repeat their output."""
+def add_watch(command: argparse.ArgumentParser, *, count: bool = True) -> None:
+    """Adds `--watch` and `--count`, for commands that can repeat their output.
+
+    Args:
+        command: The command.
+        count: False: it has an option `--count` already.
+    """
     command.add_argument(
         "--watch",
         nargs="?",
@@ -98,9 +103,10 @@ def add_watch(command: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="repeat every SECONDS (default: 1); stats also counts the last interval",
     )
-    command.add_argument(
-        "--count", type=times, metavar="N", help="with --watch: stop after N times"
-    )
+    if count:
+        command.add_argument(
+            "--count", type=times, metavar="N", help="with --watch: stop after N times"
+        )
 
 
 def add_slave(command: argparse.ArgumentParser) -> None:

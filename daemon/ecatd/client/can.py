@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ecatd.base.errors import UsageError
-from ecatd.shm import contract as shm
 from ecatd.shm.contract import CAN_EXTENDED, CAN_ID, CAN_REMOTE, CanKind, CanState
 
 from .connection import Connection
@@ -320,7 +319,9 @@ def frame(
         bits = 29 if wide else 11
         raise UsageError(f"0x{identifier:X} is no identifier of {bits} bits")
     if len(data) > 8 or not 0 <= (length or 0) <= 8:
-        raise UsageError(f"a CAN frame has at most 8 bytes of data, not {max(len(data), length or 0)}")
+        raise UsageError(
+            f"a CAN frame has at most 8 bytes of data, not {max(len(data), length or 0)}"
+        )
     if remote and data:
         raise UsageError("a remote frame has no data")
     size = (length or 0) if remote else len(data)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from can import (
@@ -23,8 +24,8 @@ from can import (
 from can.typechecking import AutoDetectedConfig
 
 from ecatd.base.errors import BusyError, EcatError, LeaseError, NoAnswerError, UnreachableError
-from ecatd.base.paths import served_buses
 from ecatd.shm.contract import CanKind, CanState
+from ecatd.shm.files import buses
 
 from .can import CanChannel, CanFrame, Range, frame, wall_clock
 from .client import Client
@@ -236,16 +237,12 @@ class EcatdBus(BusABC):
         if not hasattr(self, "_out"):  # the constructor has failed
             return
         if self._claimed and not self._writer.closed:
-            try:
+            with suppress(EcatError):  # then the daemon drops what still waits
                 self._out.flush(_FLUSH)
                 self._out.release()
-            except EcatError:
-                pass  # the daemon has dropped them already, or drops them now
         for client in (self._writer, self._reader):
-            try:
+            with suppress(EcatError):  # another thread still receives; it ends with its next call
                 client.close()
-            except EcatError:  # another thread still receives; it ends with its next call
-                pass
 
     # --- state ------------------------------------------------------------------------------------
 
@@ -264,7 +261,7 @@ class EcatdBus(BusABC):
     @staticmethod
     def _detect_available_configs() -> Sequence[AutoDetectedConfig]:
         found: list[AutoDetectedConfig] = []
-        for bus in served_buses():
+        for bus in buses():
             try:
                 with Client(bus) as client:
                     found += [

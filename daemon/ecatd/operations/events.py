@@ -329,6 +329,56 @@ KINDS: Mapping[str, Kind] = {
             ("slave", "entry", "slot", "program", "pid", "programs", "cycle"),
         ),
         Kind(
+            "can_state",
+            "warning",
+            "The CAN controller of a terminal has another state",
+            "With errors, check cable and termination of the CAN bus, the bit rate of all nodes, "
+            "and that at least one other node is on. ecatd has a terminal that is bus-off take "
+            "part again after `bus_off_restart_ms` of its [slave.can](can.md#bus-off). See: "
+            "`ecatctl can stats`.",
+            ("slave", "state", "cycle"),
+            {"state": "`stopped`, `active`, `warning`, `passive` or `bus_off`"},
+        ),
+        Kind(
+            "can_ended",
+            "warning",
+            "A client no longer sends on a CAN channel",
+            "If it has not ended in order, its frames that waited were dropped, and the "
+            "[safe frames](can.md#safe-frames) are sent.",
+            ("slave", "reason", "slot", "program", "pid", "cycle"),
+        ),
+        Kind(
+            "can_refused",
+            "warning",
+            "A CAN frame of a client was not sent",
+            "Another client has reserved its identifier, or no client library writes such a frame. "
+            "See: `ecatctl can stats`.",
+            ("slave", "slot", "program", "pid", "cycle"),
+        ),
+        Kind(
+            "can_conflict",
+            "info",
+            "A client was refused CAN identifiers that another client has reserved",
+            "The text names both. See: `ecatctl can stats`.",
+            ("slave", "owner", "slot", "program", "pid", "cycle"),
+        ),
+        Kind(
+            "can_overflow",
+            "warning",
+            "A terminal has lost CAN frames that it received",
+            "Its queue was full. Exchange it more often, or let [filters](can.md#configuration) "
+            "pass only what is needed.",
+            ("slave", "cycle"),
+        ),
+        Kind(
+            "can_malformed",
+            "warning",
+            "A CAN terminal has delivered a batch that cannot be",
+            "It says that there are more frames than its process data have room for. Check the "
+            "layout in its [slave.can](can.md#configuration).",
+            ("slave", "cycle"),
+        ),
+        Kind(
             "malformed",
             "warning",
             "A client slot contains data that no client library writes",

@@ -31,6 +31,7 @@ class Statistics(Map):
     #: Commits that were sent 0, 1, 2, and 3 or more cycles after their sample.
     delay_cycles: list[int]
     domains: list[DomainStatistics]  #: Domains by number.
+    channels: list[CanStatistics]  #: CAN channels, in the order of their terminals.
     worst: WorstCycles  #: The cycles that took longest.
 
 
@@ -93,6 +94,16 @@ class DomainStatistics(Map):
     wkc: int  #: Working counter of its last exchange.
     wkc_state: str  #: `zero`, `incomplete` or `complete`.
     cycle_number: int  #: Number of the cycle of its last exchange.
+
+
+class CanStatistics(Map):
+    """A CAN channel, and its counters."""
+
+    slave: int  #: Position of the terminal.
+    bit_rate: int  #: Bits in a second.
+    can_state: str  #: `stopped`, `active`, `warning`, `passive` or `bus_off`.
+    send_errors: int  #: Error counter of the CAN controller for sending.
+    receive_errors: int  #: Its error counter for receiving.
 
 
 class WorstCycles(Map):

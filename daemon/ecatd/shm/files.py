@@ -92,6 +92,15 @@ def _checked(result: int, text: ctypes.Array[ctypes.c_char]) -> int:
     raise _ERRORS.get(result, EcatError)(text.value.decode("utf-8", "replace"))
 
 
+def buses() -> list[str]:
+    """Names of the buses with shared memory on this machine, that of killed daemons included."""
+    found: set[str] = set()
+    for folder in folders():
+        with suppress(OSError):
+            found |= {path.stem for path in folder.glob("*.out")}
+    return sorted(found)
+
+
 def exists(bus: str) -> bool:
     """Whether there is shared memory of a bus, even if it is left over from a killed daemon."""
     # A folder of another user says nothing, and `Path.exists` would raise.

@@ -270,6 +270,11 @@ class SlotReader:
         found = (self._one("ecat_out_image", at + n * step) for n in range(shm.IMAGES))
         return [image for image in found if image is not None]
 
+    def can(self, slot: int, channel: int) -> Any:
+        """`ecat_out_can` of a slot, or None where the file was cut short."""
+        at = self.slot_offset(slot) + self.header.can_offset
+        return self._one("ecat_out_can", at + channel * shm.size("ecat_out_can"))
+
     def held(self, slot: int) -> bool:
         """Whether a living process has the slot."""
         return held(self._fd, shm.LOCK_SLOT + slot)

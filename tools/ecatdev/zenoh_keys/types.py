@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, NotRequired, Union, cast, get_args, get_orig
 from ecatd.operations.bus import Event
 from ecatd.operations.events import FACTS, KINDS, Kind
 from ecatd.operations.operation import Operation
-from ecatd.operations.statistics import Distribution, DomainStatistics, Statistics
+from ecatd.operations.statistics import CanStatistics, Distribution, DomainStatistics, Statistics
 from ecatd.shm import contract as shm
 
 from .. import page_parts
@@ -195,5 +195,7 @@ for _counter in shm.COUNTERS:
     _add(Statistics, _counter.name, int, _counter.meaning)
 for _counter in shm.DOMAIN_COUNTERS:
     _add(DomainStatistics, _counter.name, int, _counter.meaning)
+for _counter in shm.CAN_COUNTERS:
+    _add(CanStatistics, _counter.name, int, _counter.meaning)
 for _name, _meaning in shm.TIMES.items():
     _add(Statistics, _name, Distribution, _meaning)

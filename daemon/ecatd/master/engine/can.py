@@ -25,10 +25,7 @@ class _Messages(ctypes.Structure):
 
     _fields_ = (
         *((name, _U32) for name in ("first", "stride", "data")),
-        *(
-            (name, _Field)
-            for name in ("identifier", "extended", "remote", "length", "transaction")
-        ),
+        *((name, _Field) for name in ("identifier", "extended", "remote", "length", "transaction")),
     )
 
 

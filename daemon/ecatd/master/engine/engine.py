@@ -369,7 +369,7 @@ class Engine:
 
     @property
     def stopping(self) -> int:
-        """Number of drives that are being stopped, and of safe CAN frames that were not sent yet."""
+        """Number of drives that are being stopped, and of safe CAN frames still to be sent."""
         return int(_LIB.cyclic_stopping(self._engine))
 
     def start(self, wanted: RealTime) -> list[Grant]:

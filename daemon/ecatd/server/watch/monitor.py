@@ -26,6 +26,7 @@ from ecatd.operations.faults import LOST, Fault
 from ecatd.shm import contract as shm
 
 from ..start.running_bus import RunningBus
+from . import can
 from .cables import CableWatch
 from .clocks import ClockWatch
 from .drives import DriveWatch
@@ -102,6 +103,7 @@ class Monitor:
         self.exchange = ExchangeWatch(
             running, worker, of_interfaces, self._explain, self.slaves.find_away
         )
+        self._can = can.CanWatch(running, self._outputs.client, of_outputs)
         self._drives = DriveWatch(running, lambda request: answer(request, _NOBODY), report)
         self._clocks = None
         if running.clocks is not None:
@@ -158,6 +160,7 @@ class Monitor:
         for item in self._working_counters:
             item.close()
         self._outputs.close()
+        self._can.close()
         self._mailboxes.close()
         if self._clocks is not None:
             self._clocks.close()
@@ -191,6 +194,8 @@ class Monitor:
     def _handle(self, event: Event) -> None:
         if event.type in _ABOUT_OUTPUTS:
             self._outputs.handle(event)
+        elif event.type in can.EVENTS:
+            self._can.handle(event)
         elif not self._stopping.is_set():
             self._handle_while_running(event)
 

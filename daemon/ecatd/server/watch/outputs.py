@@ -122,6 +122,11 @@ class OutputWatch:
         client = self._clients.get(event.slot, _Client(event.slot))
         self._gathered[about].note((event, client))
 
+    def client(self, slot: int) -> _Client:
+        """Who is in a slot now, or was there last."""
+        self._look_at(slot)
+        return self._clients.get(slot, _Client(slot))
+
     def close(self) -> None:
         """Reports the events that are still waiting."""
         for item in self._gathered.values():

@@ -12,10 +12,11 @@ The engine always counts in the shared memory, so reading has no effect on it.
 
 from .maps import from_map, to_map
 from .reader import read
-from .snapshot import Bin, Clock, Domain, Grant, Histogram, LongCycle, Snapshot
+from .snapshot import Bin, CanChannel, Clock, Domain, Grant, Histogram, LongCycle, Snapshot
 
 __all__ = [
     "Bin",
+    "CanChannel",
     "Clock",
     "Domain",
     "Grant",

@@ -17,7 +17,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from ecatd.base.errors import EcatError
 
 from .. import contract as shm
-from .snapshot import Clock, Count, Domain, Grant, Histogram, LongCycle, Snapshot
+from .snapshot import CanChannel, Clock, Count, Domain, Grant, Histogram, LongCycle, Snapshot
 
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p999": 0.999, "p9999": 0.9999}
 _SIMPLE = ("bus", "version", "state", "instance", "cycle_time_ns", "cycle_number", "cycle_end_ns")
@@ -63,6 +63,7 @@ def interval_to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, A
         **snapshot.counters,
         "delay_cycles": list(snapshot.delay_cycles),
         "domains": [{**_encode(domain), **domain.counters} for domain in snapshot.domains],
+        "channels": [{**_encode(channel), **channel.counters} for channel in snapshot.channels],
         "worst": {
             name: [_encode(cycle) for cycle in cycles] for name, cycles in snapshot.worst.items()
         },
@@ -170,6 +171,10 @@ def _snapshot(data: Mapping[str, Any]) -> Snapshot:
         domains=tuple(
             _decode(Domain, row, counters=_counters(row, shm.DOMAIN_COUNTERS))
             for row in data["domains"]
+        ),
+        channels=tuple(
+            _decode(CanChannel, row, counters=_counters(row, shm.CAN_COUNTERS))
+            for row in data["channels"]
         ),
         grants=_grants(data["realtime"]["settings"]),
     )

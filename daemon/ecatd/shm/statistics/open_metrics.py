@@ -96,6 +96,24 @@ def _lines(snapshot: Snapshot, slaves: Health | EcatError) -> Iterator[str]:
     ]
     for item in shm.DOMAIN_COUNTERS:
         yield from _counter("ecat_domain_", item, domains)
+    channels = [({**bus, "slave": str(channel.slave)}, channel) for channel in snapshot.channels]
+    if channels:
+        for item in shm.CAN_COUNTERS:
+            rows = [(labels, channel.counters) for labels, channel in channels]
+            yield from _counter("ecat_can_", item, rows)
+        for name, meaning in (
+            ("state", "State of a CAN controller: 1 is error active, 4 is bus-off."),
+            ("send_errors", "Error counter of a CAN controller for sending."),
+            ("receive_errors", "Error counter of a CAN controller for receiving."),
+        ):
+            yield from _gauge(
+                f"ecat_can_{name}",
+                meaning,
+                [
+                    (labels, int(channel.can_state if name == "state" else getattr(channel, name)))
+                    for labels, channel in channels
+                ],
+            )
     for name, meaning in shm.TIMES.items():
         yield from _histogram(f"ecat_{name}_seconds", meaning, bus, snapshot.times[name])
 

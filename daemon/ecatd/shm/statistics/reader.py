@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import contract as shm
 from ..reader import Reader, opened
-from .snapshot import Clock, Domain, Grant, Histogram, LongCycle, Snapshot
+from .snapshot import CanChannel, Clock, Domain, Grant, Histogram, LongCycle, Snapshot
 
 _TRIES = 5  # attempts to read while no cycle ends
 _NONE = (1 << 64) - 1  # `min_ns` of an empty histogram
@@ -67,6 +67,17 @@ def _read(shared: Reader) -> Snapshot:
         times={name: _histogram(getattr(health, name)) for name in shm.TIMES},
         worst={name: _worst(health, name) for name in shm.WORST},
         domains=domains,
+        channels=tuple(
+            CanChannel(
+                row.slave,
+                row.bit_rate,
+                shm.CanState(row.state),
+                row.send_errors,
+                row.receive_errors,
+                shm.values(row, *(item.name for item in shm.CAN_COUNTERS)),
+            )
+            for row in shared.table(head, "can")
+        ),
         grants=tuple(
             Grant(kind, bool(row.wanted), bool(row.granted), row.value, row.error)
             for kind, row in zip(shm.Setting, settings, strict=True)

@@ -134,6 +134,30 @@ class Domain:
 
 
 @dataclass(frozen=True, slots=True)
+class CanChannel:
+    """One CAN channel: the controller of its terminal, and its counters (`ecat_shm_can`).
+
+    Attributes:
+        slave: Position of the terminal.
+        bit_rate: Bits in a second.
+        can_state: State of the CAN controller.
+        send_errors: Its error counter for sending.
+        receive_errors: Its error counter for receiving.
+        counters: Its counters, `shm.CAN_COUNTERS`, by name.
+    """
+
+    slave: Count
+    bit_rate: Count
+    can_state: shm.CanState
+    send_errors: Count
+    receive_errors: Count
+    counters: dict[str, int]
+
+    def __sub__(self, earlier: CanChannel) -> CanChannel:
+        return replace(self, counters=_difference(self.counters, earlier.counters))
+
+
+@dataclass(frozen=True, slots=True)
 class Grant:
     """One real-time setting.
 
@@ -203,7 +227,8 @@ class Snapshot:
     """State and statistics of a bus at one time; `later - earlier` is an interval.
 
     In an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains`
-    are those of the interval, and so is `worst`; all other attributes are those of its end.
+    and `channels` are those of the interval, and so is `worst`; all other attributes are those of
+    its end.
 
     Attributes:
         bus: Name of the bus.
@@ -230,6 +255,7 @@ class Snapshot:
             oldest first. The engine keeps the worst one since the start, and those of the last 5
             minutes, of 20 s each.
         domains: Domains by number.
+        channels: CAN channels, in the order of their terminals.
         grants: Real-time settings, in the order of `shm.Setting`.
     """
 
@@ -254,6 +280,7 @@ class Snapshot:
     times: dict[str, Histogram]
     worst: dict[str, tuple[LongCycle, ...]]
     domains: tuple[Domain, ...]
+    channels: tuple[CanChannel, ...]
     grants: tuple[Grant, ...]
 
     @property
@@ -297,6 +324,9 @@ class Snapshot:
             worst={name: _since(earlier.read_ns, cycles) for name, cycles in self.worst.items()},
             domains=tuple(
                 now - then for now, then in zip(self.domains, earlier.domains, strict=False)
+            ),
+            channels=tuple(
+                now - then for now, then in zip(self.channels, earlier.channels, strict=False)
             ),
         )
 

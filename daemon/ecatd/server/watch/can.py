@@ -1,0 +1,156 @@
+"""Reports what happens on the CAN channels of terminals: their controllers, and who sends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol
+
+from ecatd.base.batch import Batch, last_of
+from ecatd.description.bus import Bus
+from ecatd.master.engine.engine import Event, EventType
+from ecatd.shm import contract as shm
+from ecatd.shm.contract import CAN_EXTENDED, CAN_ID, CanState
+
+from ..start.running_bus import RunningBus
+from .reports import Reporter
+
+EVENTS = frozenset(
+    {
+        EventType.CAN_STATE,
+        EventType.CAN_ENDED,
+        EventType.CAN_REFUSED,
+        EventType.CAN_CONFLICT,
+        EventType.CAN_OVERFLOW,
+        EventType.CAN_MALFORMED,
+    }
+)
+
+_STATES = {
+    CanState.STOPPED: "the CAN controller has stopped, since the terminal is not in OP",
+    CanState.ACTIVE: "the CAN controller works",
+    CanState.WARNING: "the CAN bus has errors",
+    CanState.PASSIVE: "the CAN controller is error passive",
+    CanState.BUS_OFF: "the CAN controller is bus-off",
+}
+_CHECK = ": check its cable and termination, the bit rate of all nodes, and that another node is on"
+_BAD = (CanState.WARNING, CanState.PASSIVE, CanState.BUS_OFF)
+
+_ENDS = {
+    shm.Reason.RELEASED: "no longer sends",
+    shm.Reason.DIED: "has ended without a release",
+    shm.Reason.LAPSED: "gave no sign of life for its lease",
+    shm.Reason.GONE: "has lost its slot",
+    shm.Reason.STOPPING: "no longer sends, since the daemon stops",
+}
+_EXPECTED = (shm.Reason.RELEASED, shm.Reason.STOPPING)
+
+
+class Client(Protocol):
+    """Who is in a slot, as it says itself; its text names it."""
+
+    @property
+    def program(self) -> str:
+        """Name of the program."""
+
+    @property
+    def pid(self) -> int:
+        """Its process ID."""
+
+
+class CanWatch:
+    """The watch over the CAN channels; for the thread of the event loop.
+
+    Args:
+        running: The bus.
+        who: Who is in a slot.
+        report: Reports.
+    """
+
+    def __init__(self, running: RunningBus, who: Callable[[int], Client], report: Reporter) -> None:
+        self._bus: Bus = running.bus
+        self._rows = {
+            row.slave: row for row in running.shared.can[: running.shared.header.can_count]
+        }
+        self._who = who
+        self._report = report
+        self._gathered: dict[tuple[int, int, int], Batch[tuple[Event, Client | None]]] = {}
+
+    def handle(self, event: Event) -> None:
+        """Takes an event of the engine about a CAN channel."""
+        client = self._who(event.slot) if event.slot >= 0 else None
+        key = (event.type, event.slave, event.slot)
+        if key not in self._gathered:
+            self._gathered[key] = Batch(partial(self._tell, EventType(event.type)))
+        self._gathered[key].note((event, client))
+
+    def close(self) -> None:
+        """Reports what still waits."""
+        for batch in self._gathered.values():
+            batch.close()
+
+    def _tell(
+        self, kind: EventType, events: list[tuple[Event, Client | None]], left_out: int
+    ) -> None:
+        event, client = events[-1]
+        label = self._bus.slaves[event.slave].label
+        facts: dict[str, Any] = {"slave": event.slave, "cycle": event.cycle}
+        good = False
+        if client is not None:
+            facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
+        match kind:
+            case EventType.CAN_STATE:
+                state = CanState(event.value)
+                good = state not in _BAD
+                text = f"{label}: {_STATES.get(state, state.name)}{self._counts(event, state)}"
+                facts["state"] = state.name.lower()
+            case EventType.CAN_ENDED:
+                reason = shm.Reason(event.value)
+                good = reason in _EXPECTED
+                text = f"{client} {_ENDS.get(reason, reason.name)} on the CAN channel of {label}"
+                if not good:
+                    text += "; its frames that waited were dropped, and the safe frames are sent"
+                facts["reason"] = reason.name.lower()
+            case EventType.CAN_REFUSED:
+                text = (
+                    f"a CAN frame of {client} for {label} was not sent: "
+                    f"{_identifier(event.value)} is reserved by another client, or it is malformed"
+                )
+            case EventType.CAN_CONFLICT:
+                text = (
+                    f"{client} is refused identifiers of the CAN channel of {label}: "
+                    f"{self._who(event.value)} has reserved them"
+                )
+                facts["owner"] = str(self._who(event.value))
+            case EventType.CAN_OVERFLOW:
+                text = (
+                    f"{label} has lost CAN frames that it received, since its queue was full: "
+                    "exchange it more often, or let filters of its [slave.can] pass only what is "
+                    "needed"
+                )
+            case _:
+                text = (
+                    f"{label} says that it delivers {event.value} CAN frames, but its process data "
+                    f"have room for {self._rows[event.slave].receive_queue}: ecatd uses those that "
+                    "fit; check the layout in its [slave.can]"
+                )
+        level = "debug" if kind == EventType.CAN_CONFLICT or (good and client is not None) else ""
+        self._report(
+            kind.name.lower(),
+            last_of([*([""] * (len(events) - 1)), text], left_out),
+            facts,
+            [event.slave],
+            good=good,
+            level=level,
+        )
+
+    def _counts(self, event: Event, state: CanState) -> str:
+        if state not in _BAD:
+            return ""
+        row = self._rows[event.slave]
+        return f" (error counters {row.send_errors} sent, {row.receive_errors} received){_CHECK}"
+
+
+def _identifier(word: int) -> str:
+    digits = 8 if word & CAN_EXTENDED else 3
+    return f"identifier 0x{word & CAN_ID:0{digits}X}"
