@@ -247,7 +247,7 @@ void session_can_forget(ecat_session *session) {
     message->asked = message->handed = message->time_ns = 0;
     message->age = ECAT_AGE_NEVER;
     memset(message->data, 0, sizeof message->data);
-    for (signal = message->signals; signal != NULL; signal = signal->next) signal->raw = signal->written = 0;
+    for (signal = message->signals; signal != NULL; signal = signal->next) signal->raw = 0;
   }
 }
 
@@ -373,18 +373,6 @@ void ecat_session_can_write_int(ecat_session_signal *signal, int64_t value) {
   signal->real = (double)value;
   signal->is_whole = !value_is_analog(signal->as_entry.unit, signal->scale, signal->offset);
   note(signal);
-}
-
-int ecat_session_can_check(const ecat_session_signal *signal, double value) {
-  uint64_t bits;
-  return ecat_encode_physical(&signal->as_entry, value, &bits);
-}
-
-int ecat_session_can_check_int(const ecat_session_signal *signal, int64_t value) {
-  uint64_t bits;
-  if (value_is_analog(signal->as_entry.unit, signal->scale, signal->offset))
-    return ecat_session_can_check(signal, (double)value);
-  return ecat_encode_int(&signal->as_entry, value, &bits);
 }
 
 void ecat_session_can_data(ecat_session_message *message, const uint8_t *data, int length) {

@@ -173,7 +173,7 @@ typedef struct ecat_session_signal {
   } selector;
 
   struct ecat_session_signal *next; /* of the frame; this and the following ones are for the session only */
-  ecat_signal_info as_entry;     /* the same for the functions that encode the values of entries */
+  ecat_signal_info as_entry;     /* the same for ecat_encode_physical() and other functions that encode values */
   uint64_t mask;                 /* the bits in the frame, the first byte being the lowest */
   uint64_t raw;                  /* bits of the last frame */
   double real;                   /* value to be sent, or if `is_whole` the next member */
@@ -277,9 +277,6 @@ ECAT_API int64_t ecat_session_can_read_int(const ecat_session_signal *signal);
 /* Stores a value to be sent: a physical one, or the bits as a whole number if there is no unit, scale or offset. */
 ECAT_API void ecat_session_can_write(ecat_session_signal *signal, double value);
 ECAT_API void ecat_session_can_write_int(ecat_session_signal *signal, int64_t value);
-/* ECAT_ERANGE: it would be refused when it is sent. */
-ECAT_API int ecat_session_can_check(const ecat_session_signal *signal, double value);
-ECAT_API int ecat_session_can_check_int(const ecat_session_signal *signal, int64_t value);
 /* Stores the data of a message without signals. */
 ECAT_API void ecat_session_can_data(ecat_session_message *message, const uint8_t *data, int length);
 /* Has a message with ECAT_SESSION_ON_TRIGGER sent if the count differs from that of the last frame, 0 at first. */
