@@ -142,6 +142,7 @@ def _library() -> ctypes.CDLL:
         "esc_lock_sync_manager": (number, [segment, number, number, number]),
         "esc_mailbox_take": (number, [segment, number, ctypes.c_void_p, size]),
         "esc_mailbox_put": (number, [segment, number, data, size, number]),
+        "esc_set_program": (number, [segment, number, ctypes.c_void_p, ctypes.c_void_p]),
         "esc_map": (number, [segment, number, ctypes.POINTER(_Area), ctypes.c_uint]),
         "esc_await_outputs": (number, [segment, number]),
         "esc_get_outputs": (number, [segment, ctypes.c_void_p, size, ctypes.c_int64]),
@@ -342,6 +343,17 @@ class Segment(Links, Clocks):
         rows = [_Area(area.address, area.size, area.offset, area.output) for area in areas]
         array = (_Area * len(rows))(*rows)
         checked(self._lib.esc_map(self._handle, position, array, len(rows)))
+
+    def set_program(self, position: int, function: int, context: int) -> None:
+        """Gives the process data of a slave to a function in C, instead of the images.
+
+        Args:
+            position: Position of the slave.
+            function: Address of the function (`esc_program_function`).
+            context: Address that it gets; it must be valid until the segment is closed, or another
+                device has taken the place.
+        """
+        checked(self._lib.esc_set_program(self._handle, position, function, context))
 
     def await_outputs(self, position: int) -> None:
         """Requests `Event.OUTPUTS` as soon as the master has written complete output data.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from ecatd.base.errors import UsageError
 from ecatd.etg.scaling import to_physical
 
+from .can.bus import CanBus
 from .faults import Fault
 from .plants.fixed_step import FixedStep
 from .plants.point import Point, Terminal
@@ -47,6 +48,7 @@ class Rig:
             the last device, or where `close_ring` plugs it in.
         exchanged: Devices whose cables at the ports 0 and 1 are exchanged by mistake. A frame
             passes them on its way back, so the master finds them behind those that follow them.
+        can: CAN buses behind devices, whose nodes make a step with each step of the devices.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Rig:
     faults: list[Fault] = field(default_factory=list)
     ring: bool = False
     exchanged: list[Device] = field(default_factory=list)
+    can: list[CanBus] = field(default_factory=list)
     _topology: Topology = field(default_factory=Topology, repr=False)
 
     def connect(self, device: Device, parent: Device, port: int) -> None:

@@ -159,6 +159,8 @@ class Simulation:
                 device.take_outputs()
         for plant in self.rig.plants:
             plant(now)
+        for bus in self.rig.can:
+            bus.run(now)
         for device, place in powered:
             if now >= place.due and not device.sleeps:
                 device.run(now)

@@ -20,7 +20,8 @@ enum {
     ESC_MAX_SLAVES = 1024,
     ESC_MEMORY = 0x10000, /* bytes of address space of one slave */
     ESC_MAX_CHANNELS = 16, /* FMMUs, and sync managers, of one slave */
-    ESC_MAX_FAULTS = 32
+    ESC_MAX_FAULTS = 32,
+    ESC_MAX_PROGRAM_DATA = 4096 /* bytes of outputs, and of inputs, of a slave with a program */
 };
 #define ESC_MAX_DELAY_NS INT64_C(10000000000)
 
@@ -121,6 +122,11 @@ struct esc_clock {
     double trim_ppm;       /* correction of the rate by its time control loop */
 };
 
+/* A device in C. It takes the outputs (NULL unless the slave is in OP and its watchdog has not
+ * expired) and changes the inputs, which keep what it has written before. */
+typedef void (*esc_program_function)(void *context, int64_t now_ns, const uint8_t *outputs,
+                                     size_t output_size, uint8_t *inputs, size_t input_size);
+
 struct esc_segment;
 
 /* Creates an empty segment; NULL if memory or file descriptors are short. Add the slaves before
@@ -219,6 +225,12 @@ ESC_API int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t 
 /* Copies the image to the inputs of all mapped slaves. Inputs stay as they are if the master has
  * moved their sync manager so that it begins before them. */
 ESC_API int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size);
+
+/* Gives a slave a program, which has its process data instead of the images; NULL takes it away. It
+ * runs after each frame that has completed the outputs, with the lock of the segment, and from
+ * `esc_get_outputs` if none has since the call before. */
+ESC_API int esc_set_program(struct esc_segment *segment, int position,
+                            esc_program_function function, void *context);
 
 /* Returns the FMMUs of a slave that are ignored, one bit for each. Two FMMUs of the same direction
  * are ignored if there are fewer than three bytes between them and one of them maps bits. */

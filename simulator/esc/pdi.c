@@ -262,6 +262,7 @@ int esc_map(struct esc_segment *segment, int position, const struct esc_area *ar
     slave->fed = false;
     slave->expired = false;
     slave->area_count = count;
+    program_clear(slave);
     if (count > 0)
         memcpy(slave->areas, areas, count * sizeof *areas);
     leave(segment);
@@ -281,9 +282,14 @@ int esc_await_outputs(struct esc_segment *segment, int position)
     return 0;
 }
 
+bool pdi_outputs_count(const struct slave *slave)
+{
+    return (slave->memory[REG_AL_STATUS] & AL_STATE_MASK) == AL_OP && !slave->expired;
+}
+
 static int get_outputs(struct slave *slave, uint8_t *image, size_t size)
 {
-    bool valid = (slave->memory[REG_AL_STATUS] & AL_STATE_MASK) == AL_OP && !slave->expired;
+    bool valid = pdi_outputs_count(slave);
     for (unsigned i = 0; i < slave->area_count; i++) {
         const struct esc_area *area = &slave->areas[i];
         uint32_t from = area->address, to = from + area->size;
@@ -313,7 +319,11 @@ int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size, in
         sync_run(slave);
         watchdog_feed_pdi(slave, time_ns);
         watchdog_run(slave, now_ns);
-        int error = get_outputs(slave, image, size);
+        int error = 0;
+        if (slave->program != NULL)
+            program_run_idle(slave, now_ns);
+        else
+            error = get_outputs(slave, image, size);
         result = error != 0 ? error : result;
         leave(segment);
     }
@@ -342,7 +352,7 @@ int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t siz
     struct slave *slave;
     int result = 0;
     for (int position = 0; (slave = enter(segment, position)) != NULL; position++) {
-        int error = put_inputs(slave, image, size);
+        int error = slave->program == NULL ? put_inputs(slave, image, size) : 0;
         result = error != 0 ? error : result;
         leave(segment);
     }

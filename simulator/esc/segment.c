@@ -34,6 +34,7 @@ static void free_slave(struct slave *slave)
         return;
     free(slave->eeprom.image);
     free(slave->buffers);
+    program_remove(slave);
     free(slave);
 }
 
@@ -151,6 +152,7 @@ int esc_replace(struct esc_segment *segment, int position, const struct esc_conf
     }
     struct slave *slave = segment->slaves[position];
     switch_power(slave, false);
+    program_remove(slave);
     configure(slave, config, image, sii_size);
     switch_power(slave, true);
     pthread_mutex_unlock(&segment->lock);
@@ -165,6 +167,8 @@ int esc_pass(struct esc_segment *segment, int interface, uint8_t *frame, size_t 
     pthread_mutex_lock(&segment->lock);
     segment->frame_ns = now_ns;
     frame_process(segment, (unsigned)interface, frame, size, passage);
+    if (segment->programs_due)
+        program_run_due(segment);
     bool due = pdi_signal_due(segment);
     pthread_mutex_unlock(&segment->lock);
     if (due)

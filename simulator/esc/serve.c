@@ -112,6 +112,14 @@ static int64_t send_due(struct server *server)
     return 0;
 }
 
+/* Lets programs take their outputs, now that the answer is on its way. */
+static void run_programs(struct esc_segment *segment)
+{
+    pthread_mutex_lock(&segment->lock);
+    program_run_due(segment);
+    pthread_mutex_unlock(&segment->lock);
+}
+
 /* Receives one frame and answers it. Closes the socket if its interface has vanished. */
 static void serve_frame(struct server *server, unsigned interface, int flags)
 {
@@ -139,12 +147,14 @@ static void serve_frame(struct server *server, unsigned interface, int flags)
         topology_update(segment);
     }
     frame_process(segment, interface, frame, (size_t)size, &passage);
-    bool due = pdi_signal_due(segment);
+    bool due = pdi_signal_due(segment), programs_due = segment->programs_due;
     pthread_mutex_unlock(&segment->lock);
     if (passage.exit != LOST && passage.delay_ns > 0)
         keep(server, frame, (size_t)size, &passage);
     else if (passage.exit != LOST)
         send_out(server, frame, (size_t)size, passage.exit, passage.copies);
+    if (programs_due)
+        run_programs(segment);
     if (due)
         pdi_signal(segment);
 }

@@ -140,6 +140,8 @@ struct slave {
     bool protected;       /* register or ESC write protection is on */
     bool has_outputs;    /* output data have come since `esc_map` and since OP was left */
     bool awaits_outputs; /* the device has requested ESC_OUTPUTS */
+    struct program *program; /* NULL = the images have its process data */
+    bool program_due;    /* outputs have come for it */
     bool watchdog;       /* a sync manager triggers the process data watchdog */
     bool fed;            /* process data watchdog: output data have come since the last check */
     bool expired;        /* process data watchdog has expired */
@@ -208,6 +210,7 @@ struct esc_segment {
     uint32_t alias[ESC_MAX_SLAVES];   /* 0x10000 = not enabled */
     bool event_word_stale;            /* event words of the routes must be computed again */
     bool fmmus_changed;               /* FMMUs must be collected again */
+    bool programs_due;                /* a slave has `program_due` */
     bool temporary_loops;             /* a slave may have a temporary loop control */
     bool topology_stale;              /* loops may have changed; updated before the next frame */
     struct plug interfaces[INTERFACES];
@@ -391,7 +394,15 @@ bool buffers_turn(struct slave *slave, const struct esc_area *area);
 unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,
                      bool read, bool write);
 
+/* program.c */
+void program_run_due(struct esc_segment *segment);
+void program_run_idle(struct slave *slave, int64_t now_ns);
+void program_clear(struct slave *slave);
+void program_remove(struct slave *slave);
+
 /* pdi.c */
+/* Whether the outputs of a slave count: it is in OP, and its watchdog has not expired. */
+bool pdi_outputs_count(const struct slave *slave);
 void pdi_event(struct slave *slave, uint32_t bits);
 bool pdi_signal_due(struct esc_segment *segment);
 void pdi_signal(struct esc_segment *segment);

@@ -125,6 +125,8 @@ static void has_come(struct slave *slave, const struct sync_manager *sm)
     if (sm->watchdog)
         slave->fed = true;
     slave->has_outputs = true;
+    if (slave->program != NULL)
+        slave->program_due = slave->segment->programs_due = true;
     if (slave->awaits_outputs) {
         slave->awaits_outputs = false;
         pdi_event(slave, ESC_OUTPUTS);

@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 TREES = {"ecatd": "daemon", "ecatgen": "codegen", "ecatsim": "simulator", "ecatdev": "tools"}
-C_FOLDERS = ("client_c", "daemon/cyclic", "simulator/esc", "codegen/ecatgen")
+C_FOLDERS = ("client_c", "daemon/cyclic", "simulator/esc", "simulator/canbus", "codegen/ecatgen")
 EVERYTHING = "everything"
 BY_NAME = "by name "
 UNIT = "ecatd.service"

@@ -54,11 +54,14 @@ class Bench:
 
     # --- frames --------------------------------------------------------------------------------
 
+    def process(self, frame):
+        return self.segment.process(frame)
+
     def datagram(self, command, address, data):
         head = struct.pack("<BBIHH", command, 0, address, len(data), 0)
         body = head + data + b"\0\0"
         raw = b"\xff" * 6 + bytes(6) + b"\x88\xa4" + struct.pack("<H", len(body) | 0x1000) + body
-        answer = self.segment.process(raw.ljust(60, b"\0"))
+        answer = self.process(raw.ljust(60, b"\0"))
         at = 16 + len(head)
         return answer[at : at + len(data)], int.from_bytes(answer[at + len(data) :][:2], "little")
 

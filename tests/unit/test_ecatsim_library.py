@@ -20,6 +20,9 @@ from ecatsim.rig import Rig
 # Vendor and product as the devices themselves have them; 0xFFFF is nobody's vendor ID.
 OTHERS = {
     "SoeDrive": (0xFFFF, 0x5000),
+    "EL6751CAN": (2, 0x1A5F3052),
+    "C2922": (0x17, 0x2922),
+    "KendrionCAN": (0x48554B, 0x694411),
     "CiA402": (0xFFFF, 0x402),
     "ElmoGold": (0x9A, 0x30924),
     "DigitalIO": (0xFFFF, 0xD10),

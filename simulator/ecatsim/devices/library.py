@@ -19,7 +19,7 @@ from ecatd.base.errors import UsageError
 
 from ..slave.device import Device
 from ..slave.sync_managers import default_size
-from . import beckhoff
+from . import beckhoff, can_terminals
 from .elmo import ElmoGold
 from .encoder import Encoder
 from .generic import AnalogIO, DigitalIO, Loopback
@@ -30,6 +30,9 @@ from .soe_drive import SoeDrive
 
 _CLASSES: Mapping[str, type[Device]] = {
     **{name: getattr(beckhoff, name) for name in beckhoff.__all__},
+    "EL6751CAN": can_terminals.EL6751CAN,
+    "C2922": can_terminals.C2922,
+    "KendrionCAN": can_terminals.KendrionCAN,
     "CiA402": CiA402Drive,
     "ElmoGold": ElmoGold,
     "SoeDrive": SoeDrive,

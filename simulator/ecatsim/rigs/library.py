@@ -20,6 +20,13 @@ def _troll(argument: str) -> Rig:
     return rig()
 
 
+def _troll_can(argument: str) -> Rig:
+    del argument
+    from .troll_can import rig
+
+    return rig()
+
+
 def _branches(argument: str) -> Rig:
     del argument
     from .branches import rig
@@ -55,6 +62,12 @@ _LIBRARY = (
         "troll",
         "wheel drive with motor, coupler, digital and analog terminals, CANopen terminals",
         _troll,
+    ),
+    _Named(
+        re.compile(r"troll-can()"),
+        "troll-can",
+        "troll with CAN buses behind its terminals: CANopen drive, torque sensor, CANopen I/O",
+        _troll_can,
     ),
     _Named(
         re.compile(r"line:(\d{1,4})"),

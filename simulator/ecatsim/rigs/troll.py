@@ -8,21 +8,29 @@ of the EL2008, 5 to 8 blink at 1, 2, 5 and 10 Hz · 3 EL2008 · 4 EL3008: sines 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..devices.beckhoff import EK1100, EL1018, EL2008, EL3008, EL6751
 from ..devices.elmo import ElmoGold
 from ..plants.waveforms import constant, sine, square
 from ..rig import Rig, Trace
+from ..slave.device import Device
 
 _WIRED = 4
 _BLINK_HZ = {4: 1.0, 5: 2.0, 6: 5.0, 7: 10.0}
 _CONSTANTS = (-8.0, -4.0, -1.0, 0.0, 1.0, 4.0, 8.0, 10.0)
 
 
-def rig() -> Rig:
-    """Makes a new rig."""
+def rig(name: str = "troll", can: Sequence[Device] | None = None) -> Rig:
+    """Makes a new rig.
+
+    Args:
+        name: Its name.
+        can: Other terminals in place of the CANopen terminals.
+    """
     drive, inputs, outputs = ElmoGold(), EL1018(), EL2008()
     result = Rig(
-        "troll",
+        name,
         [
             drive,
             EK1100(),
@@ -30,8 +38,7 @@ def rig() -> Rig:
             outputs,
             EL3008([sine(8.0, 0.1 * (i + 1)) for i in range(8)]),
             EL3008([constant(value) for value in _CONSTANTS]),
-            EL6751(),
-            EL6751(),
+            *(can or (EL6751(), EL6751())),
         ],
     )
     for channel in range(_WIRED):

@@ -189,6 +189,25 @@ class Device(DeviceType):
         """
         raise UsageError(f"{self.order or self.name} takes no modules (slot {slot}, {module})")
 
+    def entering(self, old: AlState, new: AlState) -> None:
+        """Called when it changes its state, after the checks."""
+
+    @property
+    def program(self) -> tuple[int, int] | None:
+        """A function in C that has the process data, and its context, for `Segment.set_program`.
+
+        `receive` and `give` are not called then.
+        """
+        return None
+
+    def set_pdos(self, rx_pdos: Iterable[Pdo], tx_pdos: Iterable[Pdo]) -> None:
+        """Replaces all PDOs, for a device whose process data follow from other objects."""
+        at = self._process_data.at
+        self.rx_pdos, self.tx_pdos = _copies(rx_pdos), _copies(tx_pdos)
+        self._make_process_data()
+        self._process_data.rebuild()
+        self._process_data.at = at
+
     # --- for devices, rigs and tests -----------------------------------------------------------
 
     def connection(self, index: int, subindex: int) -> Variable:
@@ -321,6 +340,13 @@ class Device(DeviceType):
     def _add_objects(self) -> None:
         identity = (self.vendor, self.product, self.revision, self.serial)
         standard_objects.add_identity(self.dictionary, self.device_type, self.order, identity)
+        self._make_process_data()
+        if self.modules:
+            self._slots = ModuleSlots(self.dictionary, self.modules, self.module_distance)
+        if self.mailbox and (self.dc_modes or self.sync_parameters):
+            self._sync.add_objects(self.dictionary, outputs=bool(self.rx_pdos))
+
+    def _make_process_data(self) -> None:
         mapping = self.variable_mapping
         if isinstance(mapping, bool):
             mapping = [pdo.index for pdo in (*self.rx_pdos, *self.tx_pdos)] if mapping else ()
@@ -333,17 +359,13 @@ class Device(DeviceType):
             mapping=mapping,
             limits=self.mapping_limits,
         )
-        if self.modules:
-            self._slots = ModuleSlots(self.dictionary, self.modules, self.module_distance)
-        if self.mailbox and (self.dc_modes or self.sync_parameters):
-            self._sync.add_objects(self.dictionary, outputs=bool(self.rx_pdos))
 
     # --- on the segment ------------------------------------------------------------------------
 
     @property
     def room(self) -> tuple[int, int]:
-        """Largest sizes of outputs and inputs in bytes, with any assignment and mapping."""
-        return self._process_data.room
+        """Bytes that it needs in the images of the segment, with any assignment and mapping."""
+        return (0, 0) if self.program else self._process_data.room
 
     @property
     def _segment(self) -> Segment:
@@ -372,6 +394,8 @@ class Device(DeviceType):
         self.position = place
         self._on_bus = segment
         self._process_data.at = (outputs_at, inputs_at)
+        if self.program:
+            segment.set_program(place, *self.program)
         self._lock_process_data(True)
         self._mask_events(_EVENTS)
         self.select(self.device_id)
@@ -431,7 +455,7 @@ class Device(DeviceType):
 
     def take_outputs(self) -> None:
         """Takes the outputs from the segment if the device is in OP and they have changed."""
-        size = self._process_data.outputs.size
+        size = 0 if self.program else self._process_data.outputs.size
         if size and self.machine.state == AlState.OP:
             at = self._process_data.at[0]
             data = bytes(self._segment.outputs[at : at + size])
@@ -462,7 +486,7 @@ class Device(DeviceType):
             changes = self.dictionary.changes
             self.step(now)
             self._next_step = now + self.idle_period
-        size = self._process_data.inputs.size
+        size = 0 if self.program else self._process_data.inputs.size
         if size and self.machine.state >= AlState.SAFEOP:
             at = self._process_data.at[1]
             self._segment.inputs[at : at + size] = self._drifted(self._given(size), now)
@@ -543,6 +567,7 @@ class Device(DeviceType):
             # pulse if it uses SYNC0.
             outputs = Event.OUTPUTS if self._process_data.outputs.size else Event(0)
             self._wait_for(outputs | (Event.SYNC0 if self._sync.is_watched else Event(0)))
+        self.entering(old, new)
         return not self._awaited
 
     def _wait_for(self, events: Event) -> None:

@@ -1,0 +1,1 @@
+"""CAN nodes that come with ecatsim."""
