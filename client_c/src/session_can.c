@@ -102,7 +102,7 @@ static int check_on_bus(const ecat_session_message *message) {
   if (message->id & ECAT_CAN_EXTENDED && session->can[message->slave->can].identifier_bits != 29)
     return fail(message, ECAT_EBUS, "the CAN channel of the terminal has identifiers of 11 bits only (identifiers in "
                 "[slave.can] of the configuration of the daemon)");
-  for (other = session->messages; message->sends && other != message; other = other->next)
+  for (other = session->messages; message->sends && other != NULL && other != message; other = other->next)
     if (other->sends && other->id == message->id && other->frame != message->frame && other->slave->has_can &&
         other->slave->can == message->slave->can)
       return fail(message, ECAT_EARG, "two blocks send it, and one has the terminal by its name, the other one by its "
@@ -153,10 +153,7 @@ int ecat_session_add_message(ecat_session_message *message) {
                   "they must be equal, since both have signals of the same frame");
     message->frame = other->frame;
   }
-  if (session->bus != NULL) {
-    message->next = NULL;
-    if ((code = check_on_bus(message)) != 0) return code;
-  }
+  if (session->bus != NULL && (code = check_on_bus(message)) != 0) return code;
   *last = message;
   return 0;
 }

@@ -132,8 +132,8 @@ static int reclaim(ecat_session *session) {
   if (owns_outputs(session) && (code = claim(session)) != 0) return code;
   session->lost_ns = ecat_now();
   if (session->lost_ns - before > QUIET_NS)
-    session_tell(session, 1, "%s; %s has claimed them again", session->problem,
-                 session->settings.program);
+    session_tell(session, 1, "%s; %s %s", session->problem, session->settings.program,
+                 owns_outputs(session) ? "has claimed them again" : "sends again");
   if (!owns_outputs(session)) return 0;
   for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
     if (slave->writes) code = stage(slave);
