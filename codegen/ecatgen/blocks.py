@@ -149,9 +149,7 @@ def _block(slave: Slave, name: Code, instance: Code, files: Sequence[CanFile]) -
         left=left,
         right=right,
         variables=tuple(c for c in inputs if not c.placement),
-        explained=tuple(
-            c for c in (*outputs, *inputs, *sent, *received) if c.note or c.values
-        ),
+        explained=tuple(c for c in (*outputs, *inputs, *sent, *received) if c.note or c.values),
         icon=icon,
         symbol=symbol(kind, placement.symbol_corner(icon)),
         name_extent=placement.above(icon),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ecatd.etg.datatypes import is_real, is_signed, type_name
@@ -123,7 +123,7 @@ def _unique(files: Sequence[CanFile]) -> tuple[list[CanMessage], list[str]]:
     return messages, left_out
 
 
-def build(made: Plan, labels: dict[str, str], icon: Extent) -> Can:
+def build(made: Plan, labels: Mapping[Code, str], icon: Extent) -> Can:
     """Builds the messages with their connectors.
 
     Args:
@@ -164,12 +164,16 @@ def build(made: Plan, labels: dict[str, str], icon: Extent) -> Can:
                         after=last if message.sent else after,
                         address=Code("0x%03X") % message.identifier,
                         type_name=_type_name(entry),
-                        description=f"{message.name}: {entry.name} (0x{message.identifier:03X})",
+                        description=_description(message, entry),
                     ),
                     entry=entry,
                     start=signal.start,
                     big_endian=signal.big_endian,
-                    number=3 if is_real(entry.data_type) else 2 if is_signed(entry.data_type) else 1,
+                    number=3
+                    if is_real(entry.data_type)
+                    else 2
+                    if is_signed(entry.data_type)
+                    else 1,
                     minimum=-NO_LIMIT if entry.minimum is None else entry.minimum,
                     maximum=NO_LIMIT if entry.maximum is None else entry.maximum,
                     selector=(0, 0, 0, 0, 0)
@@ -185,8 +189,22 @@ def build(made: Plan, labels: dict[str, str], icon: Extent) -> Can:
     return Can(made.sources, tuple(messages), made.left_out)
 
 
+def _description(message: CanMessage, entry: Entry) -> str:
+    """Names of a message and its signal, with the identifier and the range."""
+    text = f"{message.name}: {entry.name} (0x{message.identifier:03X})"
+    if entry.minimum is None and entry.maximum is None:
+        return text
+    low = "" if entry.minimum is None else f" from {entry.minimum:g}"
+    high = "" if entry.maximum is None else f" to {entry.maximum:g}"
+    return f"{text},{low}{high}{' ' if entry.unit else ''}{entry.unit}"
+
+
 def _message(
-    message: CanMessage, prefix: Code, extra: dict[str, Code], number: int, built: tuple[Signal, ...]
+    message: CanMessage,
+    prefix: Code,
+    extra: dict[str, Code],
+    number: int,
+    built: tuple[Signal, ...],
 ) -> Message:
     period = message.period_ms / 1000
     transmission = _PERIODIC if period else _ON_CHANGE

@@ -1,4 +1,4 @@
-"""Models on a CAN bus: what they receive and send, beside other clients, and when they or the bus end."""
+"""Models on a CAN bus: what they receive and send, beside others, and when they or the bus end."""
 
 from __future__ import annotations
 
@@ -75,7 +75,9 @@ class Step:
 class Model:
     """The program, one sample after the other."""
 
-    def __init__(self, program: Path, bus: str, lease: float = 30.0, failed: int = CONTINUE) -> None:
+    def __init__(
+        self, program: Path, bus: str, lease: float = 30.0, failed: int = CONTINUE
+    ) -> None:
         self.process = subprocess.Popen(
             [str(program), bus, "0.008", str(lease), str(failed)],
             stdin=subprocess.PIPE,

@@ -40,7 +40,8 @@ int main(int argc, char **argv) {
   double time, target, age;
   int enable, model, cycle, i, repeat = 1, missed, state, counter, expected;
   int sending, receiving, received, sent, waiting, overflows, offs;
-  void *master = ecatm_master_open(argv[1], 1, atof(argv[2]), 1, atof(argv[3]), 1, atoi(argv[4]), 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[1], 1, atof(argv[2]), 1, atof(argv[3]), 1, atoi(argv[4]),
+                                   0, 0, 0, "");
   Plant_open(&plant, master, 1);
   (void)argc;
   printf("open\\n");
@@ -56,11 +57,12 @@ int main(int argc, char **argv) {
       Plant_CanTerminal_read(can, time, cycle);
       Plant_CanTerminal_write(can, time, cycle);
     }
-    state = ecatm_can_state(can->slave, time, cycle, &sending, &receiving, &received, &sent, &waiting, &overflows,
-                            &offs);
-    printf("%d %d %.17g %d %.17g %.17g %.17g %d %.9g %d %d %d\\n", cycle, can->valid, can->motorSpeed, can->motorPage,
-           can->motorTemperature, can->motorVoltage, can->motorTorque, can->motorValid, can->motorAge, can->motorCount,
-           can->commandCount, state);
+    state = ecatm_can_state(can->slave, time, cycle, &sending, &receiving, &received, &sent,
+                            &waiting, &overflows, &offs);
+    printf("%d %d %.17g %d %.17g %.17g %.17g %d %.9g %d %d %d\\n", cycle, can->valid,
+           can->motorSpeed, can->motorPage, can->motorTemperature, can->motorVoltage,
+           can->motorTorque, can->motorValid, can->motorAge, can->motorCount, can->commandCount,
+           state);
     fflush(stdout);
   }
   Plant_close(&plant);
@@ -68,5 +70,5 @@ int main(int argc, char **argv) {
   return 0;
 }
 """
-"""Arguments: bus, sample time, lease, whenFailed. Each line of its input has a time, the values of the signals that it
-sends, and how often the calls of this time are made."""
+"""Arguments: bus, sample time, lease, whenFailed. Each line of its input has a time, the values of
+the signals that it sends, and how often the calls of this time are made."""

@@ -129,7 +129,9 @@ def test_the_frame_of_a_value(codec: Codec, signal: Signal, data: st.DataObject)
             return
         expected = judge(signal).encode({"s": sent}, scaling=False)
     else:
-        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, 2**bits - 1)
+        low, high = (
+            (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, 2**bits - 1)
+        )
         raw = data.draw(st.integers(max(low, -(2**40)), min(high, 2**40)), "raw")
         value = raw * signal.scale + signal.offset
         expected = judge(signal).encode({"s": raw}, scaling=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ from ecatd.base.errors import StateError, UsageError
 from ecatd.etg.pdo import Entry, Value
 
 from ..text import one_line
-from .messages import TYPES, CanMessage, CanSignal, Selector, checked
+from .messages import EXTENDED_MAX, TYPES, CanMessage, CanSignal, Selector, checked
 
 _LIMIT = 20_000_000
+_MARK = re.compile(r"^\s*SG_\s+(\w+)\s+(M|m[0-9]+M?)?\s*:", re.MULTILINE)
 
 
 def read_dbc(path: Path, who: tuple[str, ...]) -> tuple[tuple[CanMessage, ...], tuple[str, ...]]:
@@ -36,9 +38,11 @@ def read_dbc(path: Path, who: tuple[str, ...]) -> tuple[tuple[CanMessage, ...], 
         raise StateError(
             f"{path}: reading DBC files needs the package cantools: pip install 'ecatd[can]'"
         ) from error
-    database = Database(strict=False)  # else one signal that does not fit refuses the whole file
+    text = _text(path)
+    # `strict` would refuse the whole file for one signal that does not fit.
+    database = Database(strict=False, sort_signals=None)
     try:
-        database.add_dbc_string(_text(path))
+        database.add_dbc_string(text)
     except Exception as error:
         # The parser raises errors of many kinds for files that are not what it expects.
         raise UsageError(
@@ -50,12 +54,14 @@ def read_dbc(path: Path, who: tuple[str, ...]) -> tuple[tuple[CanMessage, ...], 
         if node not in nodes:
             hint = did_you_mean(node, nodes) or f"it has {', '.join(nodes) or 'no nodes'}"
             raise UsageError(f"{path}: there is no node '{node}': {hint}")
+    lonely = _lonely(text)
     messages: list[CanMessage] = []
     left_out: list[str] = []
     for item in database.messages:
         if not _concerns(item, who):
             continue
-        message, sentences = _message(item, sent=bool({*map(str, item.senders)} & {*who}))
+        sent = bool({*map(str, item.senders)} & {*who})
+        message, sentences = _message(item, lonely, sent=sent)
         left_out += sentences
         if message is not None:
             messages.append(message)
@@ -79,7 +85,20 @@ def _concerns(item: Any, who: tuple[str, ...]) -> bool:
     return not receivers or bool(receivers & {*who})
 
 
-def _message(item: Any, *, sent: bool) -> tuple[CanMessage | None, list[str]]:
+def _lonely(text: str) -> set[tuple[int, str]]:
+    """Multiplexed signals of messages without a multiplexer, which the parser takes for others."""
+    found = set()
+    for block in re.split(r"^BO_\s+", text, flags=re.MULTILINE)[1:]:
+        number = re.match(r"[0-9]+", block)
+        marks = _MARK.findall(block)
+        if number is not None and not any("M" in mark for _, mark in marks):
+            found |= {(int(number[0]) & EXTENDED_MAX, name) for name, mark in marks if mark}
+    return found
+
+
+def _message(
+    item: Any, lonely: set[tuple[int, str]], *, sent: bool
+) -> tuple[CanMessage | None, list[str]]:
     signals: list[CanSignal] = []
     sentences: list[str] = []
     by_name = {str(signal.name): signal for signal in item.signals}
@@ -94,6 +113,8 @@ def _message(item: Any, *, sent: bool) -> tuple[CanMessage | None, list[str]]:
     )
     for signal in item.signals:
         selector, reason = _selector(signal, by_name)
+        if (message.identifier, str(signal.name)) in lonely:
+            reason = "is multiplexed, but nothing says by which signal"
         if reason:
             sentences.append(f"{message.label}: signal {one_line(str(signal.name))} {reason}")
         else:
@@ -144,10 +165,8 @@ def _selector(signal: Any, by_name: dict[str, Any]) -> tuple[Selector | None, st
     if not values:
         return None, ""
     parent = by_name.get(str(signal.multiplexer_signal))
-    if parent is None:
-        return None, "is multiplexed, but nothing says by which signal"
-    if parent.multiplexer_ids:
-        return None, f"depends on {parent.name}, which is multiplexed itself"
+    if parent is None or parent.multiplexer_ids:
+        return None, f"depends on {signal.multiplexer_signal}, which is multiplexed itself"
     if parent.is_signed or parent.is_float or not 1 <= parent.length <= 31:
         return None, f"depends on {parent.name}, which is no unsigned number of up to 31 bits"
     if values != list(range(values[0], values[-1] + 1)) or values[0] < 0:

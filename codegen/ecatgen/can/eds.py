@@ -149,9 +149,7 @@ def _variable(dictionary: Any, index: int, subindex: int) -> Any:
         return None
 
 
-def _entry(
-    dictionary: Any, index: int, subindex: int, length: int
-) -> tuple[Entry | None, str]:
+def _entry(dictionary: Any, index: int, subindex: int, length: int) -> tuple[Entry | None, str]:
     """The entry for a mapped object, or why there is none."""
     address = f"0x{index:04X}:{subindex:02X}"
     variable = _variable(dictionary, index, subindex)

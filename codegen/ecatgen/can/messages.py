@@ -193,7 +193,8 @@ def _with_limits(signal: CanSignal) -> tuple[CanSignal, str]:
     if _leaves_values(entry):
         return signal, ""
     plain = replace(signal, entry=replace(entry, minimum=None, maximum=None))
-    return plain, f"has limits from {low} to {high}, which it cannot have; they are left out"
+    text = " to ".join("none" if limit is None else f"{limit:g}" for limit in (low, high))
+    return plain, f"has limits from {text}, which leave no value; they are left out"
 
 
 def _leaves_values(entry: Entry) -> bool:

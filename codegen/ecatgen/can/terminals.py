@@ -26,8 +26,10 @@ def _find(file: CanFile, bus: Bus) -> Slave:
     for slave in bus.slaves:
         if (slave.vendor, slave.product) != (file.vendor, file.product):
             continue
-        if slave.given_name == file.given_name if file.given_name else (
-            slave.position == file.position
+        if (
+            slave.given_name == file.given_name
+            if file.given_name
+            else (slave.position == file.position)
         ):
             return slave
     where = f"'{file.given_name}'" if file.given_name else f"slave {file.position}"

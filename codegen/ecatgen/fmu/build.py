@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ecatd.base.version import VERSION
 from ecatd.description.bus import Bus
@@ -216,7 +216,10 @@ class _Builder:
     def _can_message(self, number: int, prefix: str, message: CanMessage) -> Iterator[Variable]:
         fixed = common.OF_SENT if message.sent else common.OF_RECEIVED
         for item in fixed:
-            text = _member(prefix, common.MEMBERS[item.name]), f"{message.label}: {item.description}"
+            text = (
+                _member(prefix, common.MEMBERS[item.name]),
+                f"{message.label}: {item.description}",
+            )
             place = Code(" %d %d") % (number, self._messages)
             yield self._variable(text, "output", item.name, self._fixed(item), place)
         namespace = names.Namespace(common.MEMBERS.values(), suffix="Signal")
@@ -224,9 +227,7 @@ class _Builder:
             name = names.component_name(signal.entry.name, f"bit{signal.start}")
             yield self._signal(number, _member(prefix, namespace.take(name)), signal, message)
 
-    def _signal(
-        self, number: int, name: str, signal: CanSignal, message: CanMessage
-    ) -> Variable:
+    def _signal(self, number: int, name: str, signal: CanSignal, message: CanMessage) -> Variable:
         connector, entry = signal.connector, signal.entry
         unit = table_text(connector.unit_name)
         numbers = (connector.scale, connector.offset, signal.minimum, signal.maximum)
@@ -243,7 +244,7 @@ class _Builder:
             (name, connector.description),
             "input" if message.sent else "output",
             "canInput" if message.sent else "canOutput",
-            self._value(connector, entry, start=message.sent),
+            self._value(connector, _without_limits(entry, message), start=message.sent),
             place,
         )
 
@@ -353,6 +354,11 @@ class _Builder:
             limits=value.limits(),
             row=Code("variable %s %s %s %s%s") % words,
         )
+
+
+def _without_limits(entry: Entry, message: CanMessage) -> Entry:
+    """What another node sends may be beyond the limits, which importers take for a failure."""
+    return entry if message.sent else replace(entry, minimum=None, maximum=None)
 
 
 def _member(instance: str, name: str) -> str:

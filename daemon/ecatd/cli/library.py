@@ -137,9 +137,7 @@ def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
         return fmu.generate_fmu(bus, name, out, options.fmi or 2, messages=messages, check=check)
     standard = user_config("templates")
     templates = [*options.templates, *([standard] if standard.is_dir() else [])]
-    return generate(
-        bus, name, out, templates, messages=messages, check=check, force=options.force
-    )
+    return generate(bus, name, out, templates, messages=messages, check=check, force=options.force)
 
 
 def _messages(bus: Bus, texts: list[str] | None) -> list[CanFile] | None:
