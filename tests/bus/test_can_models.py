@@ -15,31 +15,15 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names
-from ecatd.client import Client
-from ecatd.client.can import CanChannel, CanFrame
-from ecatd.shm.contract import CanKind, CanState
+from ecatd.shm.contract import CanState
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "contract"))
 
+from can_client import CONFIG, SAFE, Others, motor
 from can_messages import COMMAND, DBC, MOTOR, PROGRAM
 from plant_calls import CONTINUE, ERROR, compile_program
 
 pytestmark = pytest.mark.bus
-
-SLAVE = 7
-CONFIG = """
-[gateway]
-listen = []
-[[slave]]
-position = 7
-name = "canTerminal"
-[slave.can]
-bit_rate = 500
-[[slave.can.safe]]
-id = 0x7E5
-data = "02 00"
-"""
-SAFE = 0x7E5
 
 
 @pytest.fixture(scope="module")
@@ -137,44 +121,12 @@ def start(program: Path, daemon: Daemon) -> Iterator[Callable[..., Model]]:
         model.close()
 
 
-class Others:
-    """Another client on the same channel."""
-
-    def __init__(self, bus: str) -> None:
-        self._client = Client(bus)
-        self.channel: CanChannel = self._client.can(SLAVE)
-        self._seen: list[CanFrame] = []
-
-    def send(self, identifier: int, data: bytes) -> None:
-        self.channel.send(identifier, data)
-        self.channel.flush(30.0)
-
-    def frames(self, identifier: int) -> list[CanFrame]:
-        """All frames with an identifier so far that others have sent or that were received."""
-        self._seen += self.channel.read()
-        kinds = (CanKind.SENT, CanKind.RECEIVED)
-        return [f for f in self._seen if f.kind in kinds and f.identifier == identifier]
-
-    def wait(self, condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + 120
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-
-    def close(self) -> None:
-        self._client.close()
-
-
 @pytest.fixture
 def others(daemon: Daemon) -> Iterator[Others]:
     client = Others(daemon.bus)
     client.channel.claim()
     yield client
     client.close()
-
-
-def motor(speed: float, page: int, paged: int, torque: float) -> bytes:
-    return struct.pack(">h", round(speed * 10)) + struct.pack("<BBf", page, paged, torque)
 
 
 def test_a_frame_of_another_client_is_received_with_all_its_signals(

@@ -10,9 +10,15 @@ block ReceiveFrame "Receive the bytes of a CAN message"
     annotation (Placement(transformation(extent = {{100, 50}, {120, 70}})));
 equation
   when sampled then
-    for i in 1:8 loop
-      y[i] = EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, i);
-    end for;
+    y = {
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 1),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 2),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 3),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 4),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 5),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 6),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 7),
+      EtherCAT.Functions.canReadByte(message, time, etherCATMaster.cycle, 8)};
   end when;
 
   annotation (
