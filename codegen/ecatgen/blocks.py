@@ -48,7 +48,7 @@ def build_blocks(
     Args:
         slaves: The slaves.
         library: Name of the library.
-        can: The messages of CAN busses behind slaves.
+        can: The messages of CAN buses behind slaves.
     """
     files = list(can)
     namespace = names.Namespace(

@@ -22,7 +22,7 @@ def build_library(bus: Bus, name: str, can: Iterable[CanFile] = ()) -> Library:
     Args:
         bus: The bus.
         name: Name of the library.
-        can: The messages of CAN busses behind its slaves.
+        can: The messages of CAN buses behind its slaves.
 
     Raises:
         UsageError: `name` cannot be the name of a Modelica library.

@@ -21,7 +21,7 @@ _ORIGIN = "Resources/bus.json"
 """The file in the library that holds the bus it was made from."""
 
 _CAN = f"Resources/{can.FILE}"
-"""The file with the messages of CAN busses; only there if it has some."""
+"""The file with the messages of CAN buses; only there if it has some."""
 
 
 def generate(
@@ -44,7 +44,7 @@ def generate(
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
         templates: Folders with templates of the user; an earlier folder takes precedence.
-        messages: The messages of CAN busses behind slaves; None: those of the library before.
+        messages: The messages of CAN buses behind slaves; None: those of the library before.
         check: Write nothing, only report what would change.
         force: Replace generated files that the user has changed, and keep these under another name.
             Without it they are an error.

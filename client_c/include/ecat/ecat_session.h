@@ -133,7 +133,7 @@ typedef struct ecat_session_message {
   double period;                 /* sent: seconds */
   int reserve;                   /* sent: no other client may send it */
   /* Received: of the last sample. */
-  int valid;                     /* there was a frame within `timeout`, and the terminal takes part in both busses */
+  int valid;                     /* there was a frame within `timeout`, and the terminal takes part in both buses */
   double age;                    /* seconds since the last frame, or ECAT_AGE_NEVER */
   uint8_t data[8];               /* of the last frame; of a message that is sent: of the next one */
   int data_length;
@@ -143,7 +143,7 @@ typedef struct ecat_session_message {
   struct ecat_session_message *next; /* this member and the following ones are for the session only */
   struct ecat_session_message *frame; /* the first message of this frame, or itself */
   struct ecat_session_signal *signals; /* of all messages of the frame, if it is the first one */
-  int fresh;                     /* there was a frame since the terminal took part in both busses */
+  int fresh;                     /* there was a frame since the terminal took part in both buses */
   int told;                      /* a message has said that it was too short, or that the queue is full */
   uint64_t time_ns;              /* of the last frame */
   uint64_t asked, handed;        /* sample in which the program wanted to send it, and in which it was decided */

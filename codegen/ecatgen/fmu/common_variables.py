@@ -133,7 +133,7 @@ OF_TERMINALS = (
 """The diagnostics of a slave with CAN messages."""
 
 OF_RECEIVED = (
-    Fixed("canValid", "Boolean", "is not too old, and the terminal takes part in both busses"),
+    Fixed("canValid", "Boolean", "is not too old, and the terminal takes part in both buses"),
     Fixed("canAge", "Real", "time since the last frame, 1e9 before the first one", unit="s"),
     Fixed("canCount", "Counter", "frames that were received, modulo 2^31"),
 )

@@ -37,7 +37,7 @@ class FmuReport:
         is_change: Whether the file is new or differs from the one before.
         differences: Changes of the bus since the file was made, by slave and connector.
         otherwise: Whether the file differs although nothing has changed on the bus.
-        notes: A sentence for all that files of CAN busses have, and the FMU has not.
+        notes: A sentence for all that files of CAN buses have, and the FMU has not.
     """
 
     fmu: Path
@@ -101,7 +101,7 @@ def generate_fmu(
         name: Name of the model, a Modelica identifier.
         out: Directory that the file `name`.fmu is written to.
         fmi: Major version of FMI: 2 or 3.
-        messages: The messages of CAN busses behind slaves; None: those of the FMU before.
+        messages: The messages of CAN buses behind slaves; None: those of the FMU before.
         check: Write nothing, only report what would change.
 
     Raises:

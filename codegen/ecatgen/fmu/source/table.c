@@ -7,7 +7,7 @@
  *     command TEXT                       command that makes the FMU again
  *     slaves COUNT
  *     slave POSITION VENDOR PRODUCT REVISION NAME LABEL    NAME: in the configuration, or -
- *     messages COUNT                     of CAN busses behind slaves
+ *     messages COUNT                     of CAN buses behind slaves
  *     message SLAVE ID SENDS LENGTH TRANSMISSION PERIOD TIMEOUT    ID: as in ecat_can_frame
  *     variables COUNT                    in the order of their value references, 0 first
  *     variable TYPE ROLE START NAME [SLAVE [WHAT SCALE OFFSET MINIMUM MAXIMUM UNIT]]

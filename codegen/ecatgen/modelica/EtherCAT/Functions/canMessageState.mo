@@ -4,7 +4,7 @@ impure function canMessageState "State of a CAN message in the sample of this ti
   input EtherCAT.Objects.CANMessage message "Message";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  output Boolean valid "= true, if the last frame is new enough and the terminal takes part in both busses";
+  output Boolean valid "= true, if the last frame is new enough and the terminal takes part in both buses";
   output Real age "Time since the last frame in s, 1e9 before the first one";
   output Integer count "Frames that were received so far, modulo 2^31";
   output Integer missed "Frames that were too short, modulo 2^31";

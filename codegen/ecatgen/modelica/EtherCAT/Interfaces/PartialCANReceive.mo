@@ -14,7 +14,7 @@ partial block PartialCANReceive "Base of the blocks that receive a CAN message"
     annotation (Dialog(group = "Message"));
 
   Modelica.Blocks.Interfaces.BooleanOutput valid(start = false, fixed = true)
-    "= true, if the last frame is not older than timeout, and the terminal takes part in both busses"
+    "= true, if the last frame is not older than timeout, and the terminal takes part in both buses"
     annotation (Placement(transformation(extent = {{100, -70}, {120, -50}})));
   output Modelica.Units.SI.Time age(start = 1e9, fixed = true)
     "Time since the last frame, 1e9 s before the first one";
