@@ -364,9 +364,10 @@ static int check_sender(ecat_t *bus, int channel) {
   if (code != 0 || (code = check_channel(bus, channel)) != 0 || (code = ecat_slot_check_home(bus)) != 0) return code;
   if (bus->can_use[channel].lost || (bus->can_use[channel].sends && ecat_slot_lapsed(bus)))
     return ecat_fail(bus, ECAT_ELEASE,
-                     "this client no longer sends on the CAN channel of slave %d (%s): it gave no sign of life for "
-                     "its lease, or the daemon has ended; claim the channel again",
-                     bus->can[channel].slave, name_of(bus, channel));
+                     "%s no longer sends on the CAN channel of slave %d (%s): it gave no sign of life for its lease, "
+                     "or the daemon has ended%s", bus->program != NULL ? bus->program : "this client",
+                     bus->can[channel].slave, name_of(bus, channel),
+                     bus->program != NULL ? "" : "; claim the channel again");
   if (bus->can_use[channel].sends) return 0;
   return ecat_fail(bus, ECAT_ECLAIM, "the CAN channel of slave %d (%s) must be claimed before frames are sent",
                    bus->can[channel].slave, name_of(bus, channel));

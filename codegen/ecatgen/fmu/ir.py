@@ -143,6 +143,7 @@ class Fmu:
         categories: Categories of messages.
         variables: Variables by value reference.
         slaves: Slaves by position.
+        messages: The lines of CAN messages in `resources/plant.txt`.
         unknowns: The outputs, as elements of the model structure.
         sources: C files to compile, relative to `sources`.
     """
@@ -161,5 +162,6 @@ class Fmu:
     categories: tuple[Category, ...]
     variables: tuple[Variable, ...]
     slaves: tuple[Slave, ...]
+    messages: tuple[Code, ...]
     unknowns: tuple[Unknown, ...]
     sources: tuple[str, ...]
