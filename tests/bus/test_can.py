@@ -645,9 +645,9 @@ def test_ecatctl_sends_and_shows_frames_as_candump_does(daemon: Daemon) -> None:
     dump.stdout.close()
     name = f"{daemon.bus}/{LEFT}"
     known = {
-        f"  {name}  RX       123   [1]  5A",
-        f"  {name}  TX       124   [4]  DE AD BE EF",
-        f"  {name}  TX  18FF0001   [4]  remote request",
+        f"  {name}  RX - -       123   [1]  5A",
+        f"  {name}  TX - -       124   [4]  DE AD BE EF",
+        f"  {name}  TX - -  18FF0001   [4]  remote request",
     }
     assert len(lines) == 4
     assert set(lines) <= known
