@@ -345,6 +345,18 @@ int ecat_can_release(ecat_t *bus, int channel) {
   return code;
 }
 
+void ecat_can_end(ecat_t *bus) {
+  int i, conflict;
+  if (bus->slot < 0 || ecat_can_lease(bus) == 0 || ecat_slot_foreign(bus) || ecat_slot_lapsed(bus) ||
+      ecat_memory_age(bus) != 0)
+    return;
+  for (i = 0; i < ecat_can_count(bus); i++) {
+    bus->can_use[i].sends = 0;
+    bus->can_use[i].range_count = 0;
+  }
+  (void)ecat_claims_ring(bus, &conflict);
+}
+
 /* --- sending ---------------------------------------------------------------------------------- */
 
 static int check_sender(ecat_t *bus, int channel) {
@@ -352,9 +364,10 @@ static int check_sender(ecat_t *bus, int channel) {
   if (code != 0 || (code = check_channel(bus, channel)) != 0 || (code = ecat_slot_check_home(bus)) != 0) return code;
   if (bus->can_use[channel].lost || (bus->can_use[channel].sends && ecat_slot_lapsed(bus)))
     return ecat_fail(bus, ECAT_ELEASE,
-                     "this client no longer sends on the CAN channel of slave %d (%s): it gave no sign of life for "
-                     "its lease, or the daemon has ended; claim the channel again",
-                     bus->can[channel].slave, name_of(bus, channel));
+                     "%s no longer sends on the CAN channel of slave %d (%s): it gave no sign of life for its lease, "
+                     "or the daemon has ended%s", bus->program != NULL ? bus->program : "this client",
+                     bus->can[channel].slave, name_of(bus, channel),
+                     bus->program != NULL ? "" : "; claim the channel again");
   if (bus->can_use[channel].sends) return 0;
   return ecat_fail(bus, ECAT_ECLAIM, "the CAN channel of slave %d (%s) must be claimed before frames are sent",
                    bus->can[channel].slave, name_of(bus, channel));

@@ -106,7 +106,7 @@ def test_an_ecu_talks_to_the_drive(bus: Importer) -> None:
     assert not ecu.codes(FORMAT_ERROR)
     assert bus.get("framesSent") == 1
     assert bus.get("framesReceived") > 1
-    assert bus.get("canState") == CAN_ACTIVE
+    assert bus.get("can.canState") == CAN_ACTIVE
     assert not bus.warnings()
 
 
@@ -240,11 +240,11 @@ def test_nobody_acknowledges(bus: Importer, rig: Daemon, alone: None) -> None:
     """The terminal becomes error passive: each ECU is told as many errors as it takes to follow."""
     ecu, other = bus.ecus
     ecu.send(transmit(0x42))
-    bus.until(lambda: bus.get("canState") == CAN_PASSIVE)
+    bus.until(lambda: bus.get("can.canState") == CAN_PASSIVE)
     bus.until(lambda: len(ecu.codes(BUS_ERROR)) == len(other.codes(BUS_ERROR)) == 128 // 8)
     assert set(ecu.codes(BUS_ERROR)) == {struct.pack("<IBBB", 0x42, ACK_ERROR, PRIMARY, 1)}
     assert set(other.codes(BUS_ERROR)) == {struct.pack("<IBBB", 0x42, ACK_ERROR, SECONDARY, 0)}
-    assert bus.get("sendErrors") >= 128
+    assert bus.get("can.canSendErrors") >= 128
     ecu.send(*(transmit(0x43) for _ in range(1000)))
     bus.until(lambda: ecu.codes(FORMAT_ERROR))
     waiting = 1001 - bus.get("operationsRefused")
@@ -257,14 +257,14 @@ def test_bus_off(bus: Importer, rig: Daemon, alone: None) -> None:
     """What the terminal had taken is told as an error, and ECUs go on when it is back."""
     ecu, other = bus.ecus
     ecu.send(transmit(0x42))
-    bus.until(lambda: bus.get("canState") == CAN_PASSIVE)
+    bus.until(lambda: bus.get("can.canState") == CAN_PASSIVE)
     before = len(ecu.codes(BUS_ERROR))
     fault(rig, "bus-off")
     bus.until(lambda: len(ecu.codes(BUS_ERROR)) > before)
     assert {item[4:] for item in ecu.codes(BUS_ERROR)} == {bytes([ACK_ERROR, PRIMARY, 1])}
     assert {item[4:] for item in other.codes(BUS_ERROR)} == {bytes([ACK_ERROR, SECONDARY, 0])}
     fault(rig, "node", NODES[0], "on")
-    bus.until(lambda: bus.get("canState") == CAN_ACTIVE)
+    bus.until(lambda: bus.get("can.canState") == CAN_ACTIVE)
     ecu.send(transmit(0x44))
     bus.until(lambda: struct.pack("<I", 0x44) in ecu.codes(CONFIRM))
     assert struct.pack("<I", 0x42) not in ecu.codes(CONFIRM)
@@ -324,11 +324,11 @@ def test_the_daemon_starts_again(start_daemon: Callable[..., Daemon], tmp_path: 
             strict.until(lambda: False)
         names(strict.errors()[-1], f"'{daemon.bus}'")
         bus.until(lambda: not bus.get("connected"))
-        assert bus.get("canState") == CAN_STOPPED
+        assert bus.get("can.canState") == CAN_STOPPED
         ecu.send(transmit(ASK_DRIVE, DEVICE_TYPE))  # it is not sent later
         bus.until(lambda: ecu.codes(BUS_ERROR))
         start_daemon("troll-can", "--bus", daemon.bus, config=CONFIG)
-        bus.until(lambda: bus.get("canState") == CAN_ACTIVE)
+        bus.until(lambda: bus.get("can.canState") == CAN_ACTIVE)
         ecu.got.clear()
         ecu.send(transmit(ASK_DRIVE, DEVICE_TYPE))
         bus.until(lambda: DRIVE_ANSWERS in dict(ecu.frames()))

@@ -14,7 +14,7 @@ from ecatd.etg.pdo import Entry
 from ecatd.etg.scaling import to_physical
 
 from .. import names
-from ..ir import Block, Connector, Library
+from ..ir import Block, CanMessage, CanSignal, Connector, Library
 from ..text import NOTHING, Code, identifier, table_text, table_word
 from . import common_variables as common
 from .ir import Attributes, BusTerminal, Fmu, Slave, Unknown, Variable
@@ -26,6 +26,9 @@ _ENUMERATION_ACCESS = {2: "Integer", 3: "Int64"}
 _REAL_LIMIT = {32: float(2**128 - 2**104), 64: float(2**1023) * (2 - 2.0**-52)}
 _UNSET = ("Clock", "Binary")
 """Types without a start attribute. In the table, that of a clock says whether it is triggered."""
+_EXTENDED = 1 << 31
+"""ECAT_CAN_EXTENDED: the identifier has 29 bits."""
+
 _KNOWN_AT_START = ("bus", "whenMissing", "patience")
 """Parameters on which the initial values of the outputs depend."""
 
@@ -49,9 +52,14 @@ def build_fmu(
         tx_clock: One of `TX_CLOCKS`, with ECUs.
     """
     instances = instance_names(library.blocks)
-    builder = _Builder(fmi, bus)
+    messages = [
+        (number, message)
+        for number, block in enumerate(library.blocks)
+        for message in block.can.messages
+    ]
+    builder = _Builder(fmi, bus, ecus)
     variables = tuple(builder.all(library.blocks, instances))
-    variables += tuple(builder.bus_terminals(ecus, tx_clock)) if ecus else ()
+    variables += tuple(builder.bus_terminals(tx_clock)) if ecus else ()
     references = {item.name: item.reference for item in variables}
     first = 1 if fmi == 2 else 0
     known = " ".join(str(references[item] + first) for item in _KNOWN_AT_START)
@@ -66,10 +74,11 @@ def build_fmu(
         command=library.command + ("" if ecus else " --fmu" + ("" if fmi == 2 else " --fmi 3")),
         step_size=repr(bus.cycle_time_us / 1e6),
         unit_groups=tuple(filter(None, [units(item.unit for item in variables)])),
-        enumerations=common.ENUMERATIONS + ((common.CAN_STATE,) if ecus else ()),
+        enumerations=common.ENUMERATIONS + ((common.CAN_STATE,) if messages or ecus else ()),
         categories=common.CATEGORIES,
         variables=variables,
         slaves=tuple(_slaves(library.blocks, instances, variables)),
+        messages=tuple(_message(number, message) for number, message in messages),
         bus_terminals=tuple(map(_bus_terminal, range(ecus))),
         unknowns=tuple(
             _unknown(item, first, known) for item in variables if item.causality == "output"
@@ -78,9 +87,23 @@ def build_fmu(
     )
 
 
+def _message(slave: int, message: CanMessage) -> Code:
+    """The line of a CAN message in the table."""
+    number = message.identifier | (_EXTENDED if message.extended else 0)
+    return Code("message %d %08x %d %d %d %s %s") % (
+        slave,
+        number,
+        int(message.sent),
+        message.length,
+        message.transmission_number,
+        _bits(message.period),
+        _bits(message.timeout),
+    )
+
+
 def instance_names(blocks: Sequence[Block]) -> list[str]:
     """Returns the prefix of each slave's variables: the usual name of its block, made unique."""
-    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS + common.OF_CAN]
+    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS + common.OF_BUS_TERMINALS]
     namespace = names.Namespace([*own, "time"], suffix="Slave")
     return [namespace.take(block.instance) for block in blocks]
 
@@ -168,10 +191,12 @@ class _Value:
 class _Builder:
     """Builds variables one after the other and counts their value references."""
 
-    def __init__(self, fmi: int, bus: Bus) -> None:
+    def __init__(self, fmi: int, bus: Bus, ecus: int) -> None:
         self._fmi = fmi
+        self._ecus = ecus
         self._bus = bus
         self._count = 0
+        self._messages = 0
 
     def all(self, blocks: Sequence[Block], instances: Sequence[str]) -> Iterator[Variable]:
         """Builds all variables in the order of their value references."""
@@ -190,16 +215,16 @@ class _Builder:
         for number, (block, instance) in enumerate(zip(blocks, instances, strict=True)):
             yield from self._slave(number, block, instance)
 
-    def bus_terminals(self, ecus: int, tx_clock: str) -> Iterator[Variable]:
-        """Builds the variables of a CAN bus, and those of the bus terminals of its virtual ECUs."""
-        for item in common.OF_CAN:
+    def bus_terminals(self, tx_clock: str) -> Iterator[Variable]:
+        """Builds the variables of all bus terminals, and those of each."""
+        for item in common.OF_BUS_TERMINALS:
             value = self._fixed(item)
             if item.name != common.INTERVAL:
                 yield self._variable((item.name, item.description), "output", item.name, value)
             elif tx_clock == common.TX_CLOCKS[0]:
                 value = replace(value, start=self._bus.cycle_time_us / 1e6)
                 yield self._variable((item.name, item.description), "parameter", item.name, value)
-        for number in range(ecus):
+        for number in range(self._ecus):
             yield from self._bus_terminal(number, tx_clock)
 
     def _bus_terminal(self, number: int, tx_clock: str) -> Iterator[Variable]:
@@ -252,6 +277,56 @@ class _Builder:
             for connector in connectors:
                 entry = entries[outputs, connector.index, connector.subindex]
                 yield self._entry(number, instance, connector, entry, outputs=outputs)
+        if block.can.messages or self._ecus:
+            yield from self._terminal(number, block, instance)
+
+    def _terminal(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
+        """The variables of the CAN bus behind a slave."""
+        for item in common.OF_TERMINALS:
+            text = _member(instance, item.name), f"{block.slave_label}: {item.description}"
+            place = Code(" %d") % number
+            yield self._variable(text, "output", item.name, self._fixed(item), place)
+        own = [item.name for item in common.OF_SLAVES + common.OF_TERMINALS]
+        namespace = names.Namespace(own, suffix="Message")
+        for message in block.can.messages:
+            prefix = _member(instance, namespace.take(message.name))
+            yield from self._can_message(number, prefix, message)
+            self._messages += 1
+
+    def _can_message(self, number: int, prefix: str, message: CanMessage) -> Iterator[Variable]:
+        fixed = common.OF_SENT if message.sent else common.OF_RECEIVED
+        for item in fixed:
+            text = (
+                _member(prefix, common.MEMBERS[item.name]),
+                f"{message.label}: {item.description}",
+            )
+            place = Code(" %d %d") % (number, self._messages)
+            yield self._variable(text, "output", item.name, self._fixed(item), place)
+        namespace = names.Namespace(common.MEMBERS.values(), suffix="Signal")
+        for signal in message.signals:
+            name = names.component_name(signal.entry.name, f"bit{signal.start}")
+            yield self._signal(number, _member(prefix, namespace.take(name)), signal, message)
+
+    def _signal(self, number: int, name: str, signal: CanSignal, message: CanMessage) -> Variable:
+        connector, entry = signal.connector, signal.entry
+        unit = table_text(connector.unit_name)
+        numbers = (connector.scale, connector.offset, signal.minimum, signal.maximum)
+        where = (
+            *(number, self._messages, signal.start, entry.bit_length, int(signal.big_endian)),
+            *(signal.number, *signal.selector),
+        )
+        place = Code(" %s %s%s") % (
+            Code(" ").join(where),
+            Code(" ").join(map(_bits, numbers)),
+            Code(" %s") % unit if unit else NOTHING,
+        )
+        return self._variable(
+            (name, connector.description),
+            "input" if message.sent else "output",
+            "canInput" if message.sent else "canOutput",
+            self._value(connector, _without_limits(entry, message), start=message.sent),
+            place,
+        )
 
     def _slave_entries(self, block: Block, *, outputs: bool) -> Iterator[tuple[object, Entry, int]]:
         return self._bus.slaves[block.position].entries(outputs=outputs)
@@ -367,6 +442,11 @@ class _Builder:
             limits=value.limits(),
             row=Code("variable %s %s %s %s%s") % words,
         )
+
+
+def _without_limits(entry: Entry, message: CanMessage) -> Entry:
+    """What another node sends may be beyond the limits, which importers take for a failure."""
+    return entry if message.sent else replace(entry, minimum=None, maximum=None)
 
 
 def _member(instance: str, name: str) -> str:

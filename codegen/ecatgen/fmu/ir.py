@@ -161,6 +161,7 @@ class Fmu:
         categories: Categories of messages.
         variables: Variables by value reference.
         slaves: Slaves by position.
+        messages: The lines of CAN messages in `resources/plant.txt`.
         bus_terminals: Bus terminals of FMI-LS-BUS; with them, the FMU has events and clocks.
         unknowns: The outputs, as elements of the model structure.
         sources: C files to compile, relative to `sources`.
@@ -180,6 +181,7 @@ class Fmu:
     categories: tuple[Category, ...]
     variables: tuple[Variable, ...]
     slaves: tuple[Slave, ...]
+    messages: tuple[Code, ...]
     bus_terminals: tuple[BusTerminal, ...]
     unknowns: tuple[Unknown, ...]
     sources: tuple[str, ...]

@@ -19,6 +19,7 @@ from .output import print_json
 if TYPE_CHECKING:
     from ecatd.description.bus import Bus
     from ecatgen import Report
+    from ecatgen.can import CanFile
     from ecatgen.fmu import FmuReport, LsBusReport
 
 COMMANDS = {
@@ -52,6 +53,15 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
         type=Path,
         help="folder with your own templates, which replace those of the same name in "
         "~/.config/ecatd/templates; can be given several times, the first one wins",
+    )
+    command.add_argument(
+        "--can",
+        action="append",
+        metavar="SLAVE=FILE[@WHO]",
+        help="make connectors of the CAN bus behind the terminal SLAVE (position or name): of a "
+        "DBC file, in which the model is the nodes WHO (such as ECU or ECU,GATEWAY; without, it "
+        "only receives), or of the PDOs of a CANopen device with the node ID WHO (EDS file); can "
+        "be given several times; later runs remember all of it, and --can none forgets it",
     )
     command.add_argument(
         "--fmu", action="store_true", help="write DIR/NAME.fmu instead, an FMU for co-simulation"
@@ -136,6 +146,8 @@ def generate(options: argparse.Namespace) -> int:
         raise UsageError("--ls-bus-ecus and --ls-bus-clock are about --ls-bus: give it, too")
     if options.fmu and options.ls_bus is not None:
         raise UsageError("--fmu has the values of the bus, --ls-bus a CAN bus: give one of them")
+    if options.ls_bus is not None and options.can:
+        raise UsageError("--can has the meaning of frames, and with --ls-bus ECUs know it")
     if options.ls_bus is not None and (options.force or options.templates):
         raise UsageError(
             "--force and --templates are about libraries: leave them out with --ls-bus"
@@ -150,15 +162,27 @@ def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport | LsB
     from ecatgen import fmu, generate  # only this command needs the templates
 
     name, out, check = options.name, options.out, options.check
+    messages = _messages(bus, options.can)
     if options.fmu:
-        return fmu.generate_fmu(bus, name, out, options.fmi or 2, check=check)
+        return fmu.generate_fmu(bus, name, out, options.fmi or 2, messages=messages, check=check)
     if options.ls_bus is not None:
         ecus = 1 if options.ls_bus_ecus is None else options.ls_bus_ecus
         clock = options.ls_bus_clock or "countdown"
         return fmu.generate_ls_bus(bus, name, out, options.ls_bus, ecus, clock, check=check)
     standard = user_config("templates")
     templates = [*options.templates, *([standard] if standard.is_dir() else [])]
-    return generate(bus, name, out, templates, check=check, force=options.force)
+    return generate(bus, name, out, templates, messages=messages, check=check, force=options.force)
+
+
+def _messages(bus: Bus, texts: list[str] | None) -> list[CanFile] | None:
+    """The messages of all files of `--can`; None without the option."""
+    from ecatgen import can
+
+    if texts is None:
+        return None
+    if texts == [can.NONE]:
+        return []
+    return [can.read_request(request, bus) for request in map(can.parse_option, texts)]
 
 
 def library(options: argparse.Namespace) -> int:

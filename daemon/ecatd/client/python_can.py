@@ -24,6 +24,7 @@ from can import (
 from can.typechecking import AutoDetectedConfig
 
 from ecatd.base.errors import BusyError, EcatError, LeaseError, NoAnswerError, UnreachableError
+from ecatd.base.timeouts import Timeout
 from ecatd.shm.contract import CanKind, CanState
 from ecatd.shm.files import buses
 
@@ -222,7 +223,8 @@ class EcatdBus(BusABC):
                     if end is None and self._out.info.state not in _STATES:
                         raise CanOperationError(str(error)) from error
                     if end is not None and time.monotonic() >= end:
-                        raise CanTimeoutError(str(error)) from error
+                        patience = Timeout(timeout or 0, "timeout")
+                        raise CanTimeoutError(f"{error}; no room in {patience}") from error
                     self._writer.wait(1, 1.0)
                 else:
                     return

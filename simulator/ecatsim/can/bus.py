@@ -9,16 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import Protocol, TypeVar
 
 from ecatd.base.errors import EcatError, UsageError
 
 from . import library as c
 from .frame import CanFrame, Filter
 from .traffic import CheckStatus, Traffic
-
-if TYPE_CHECKING:
-    from .node import CanNode
 
 MAX_NODES = 32
 _BATCH = 64
@@ -110,6 +107,36 @@ def _frame(raw: c.Frame) -> CanFrame:
     return CanFrame(raw.id, data, extended, remote, raw.length, raw.time_ns, raw.tag)
 
 
+class Member(Protocol):
+    """What a bus needs of its nodes in Python; `CanNode` has it.
+
+    Attributes:
+        place: Its number on the bus.
+    """
+
+    place: int
+
+    def connect(self, bus: CanBus) -> None:
+        """Becomes a node of a bus."""
+
+    def power(self, on: bool) -> None:
+        """Switches its power."""
+
+    def take(self) -> None:
+        """Takes received frames."""
+
+    def step(self, now: float) -> None:
+        """Makes a step."""
+
+    @property
+    def check_results(self) -> list[CheckStatus]:
+        """What its checks have found."""
+        ...
+
+
+N = TypeVar("N", bound=Member)
+
+
 class CanBus:
     """A bus with nodes.
 
@@ -137,7 +164,7 @@ class CanBus:
             raise UsageError(f"a bit rate of {bit_rate} is not from 1 to 1000000 bits a second")
         self.bit_rate = bit_rate
         self.name = name or f"can{next(_names)}"
-        self.nodes: list[CanNode] = []
+        self.nodes: list[Member] = []
         self.places: list[str] = []
         self._babbler: int | None = None
         self.now_ns = clock
@@ -151,7 +178,7 @@ class CanBus:
 
     # --- nodes ---------------------------------------------------------------------------------
 
-    def add(self, node: CanNode) -> CanNode:
+    def add(self, node: N) -> N:
         """Connects a node, and switches its power on."""
         node.connect(self)
         self.nodes.append(node)

@@ -650,8 +650,8 @@ int ls_bus_get_interval(plant *p, unsigned reference, double *interval, int *cha
 void ls_bus_publish(plant *p) {
   const ls_bus *b = p->ls_bus;
   plant_publish(p, ROLE_CAN_STATE, 0, 1 + (has_bus(p) ? b->info.state : ECAT_CAN_STOPPED)); /* 1 first in FMI */
-  plant_publish(p, ROLE_SEND_ERRORS, 0, b->info.send_errors);
-  plant_publish(p, ROLE_RECEIVE_ERRORS, 0, b->info.receive_errors);
+  plant_publish(p, ROLE_CAN_SEND_ERRORS, 0, b->info.send_errors);
+  plant_publish(p, ROLE_CAN_RECEIVE_ERRORS, 0, b->info.receive_errors);
   plant_publish(p, ROLE_FRAMES_SENT, 0, b->frames_sent);
   plant_publish(p, ROLE_FRAMES_RECEIVED, 0, b->frames_received);
   plant_publish(p, ROLE_OPERATIONS_REFUSED, 0, b->refused);

@@ -141,6 +141,22 @@ static int publish_entry(plant_variable *v) {
   return code;
 }
 
+static void publish_can(plant *p, plant_variable *v) {
+  const ecat_session_message *message = &p->messages[v->message].on_bus;
+  ecat_can_info info;
+  int state = ecat_session_can_state(&p->slaves[v->slave].on_bus, &info);
+  if (v->role == ROLE_CAN_STATE) v->value.integer = state;
+  if (v->role == ROLE_CAN_SEND_ERRORS) v->value.integer = info.send_errors;
+  if (v->role == ROLE_CAN_RECEIVE_ERRORS) v->value.integer = info.receive_errors;
+  if (v->role == ROLE_CAN_VALID) v->value.integer = message->valid;
+  if (v->role == ROLE_CAN_AGE) v->value.real = message->age;
+  if (v->role == ROLE_CAN_COUNT) v->value.integer = (int64_t)(message->count & 0x7FFFFFFF);
+  if (v->role != ROLE_CAN_OUTPUT) return;
+  v->value.real = ecat_session_can_read(&v->signal);
+  v->value.integer = ecat_session_can_read_int(&v->signal);
+  if (v->type == PLANT_BOOLEAN) v->value.integer = v->value.integer != 0;
+}
+
 /* Updates all outputs. Without a bus, entries keep their last values, and the diagnostics say that there
  * is no bus. */
 static int publish(plant *p) {
@@ -160,6 +176,7 @@ static int publish(plant *p) {
     if (v->role == ROLE_VALID) v->value.integer = slave->valid;
     if (v->role == ROLE_AL_STATE) v->value.integer = slave->al_state;
     if (v->role == ROLE_AL_STATUS_CODE) v->value.integer = slave->al_code;
+    if (v->role >= ROLE_CAN_STATE && v->role <= ROLE_CAN_OUTPUT) publish_can(p, v);
     if (v->role == ROLE_OUTPUT) code = publish_entry(v);
   }
   if (p->ls_bus != NULL) ls_bus_publish(p);
@@ -210,7 +227,10 @@ static int write_inputs(plant *p) {
   int code = 0;
   for (i = 0; i < p->slave_count && code == 0; i++)
     if (p->slaves[i].on_bus.writes) code = ecat_session_stage(&p->slaves[i].on_bus);
-  return code != 0 ? code : ecat_session_commit(&p->session);
+  if (code == 0) code = ecat_session_commit(&p->session);
+  for (i = 0; i < p->message_count && code == 0; i++)
+    if (p->messages[i].active) code = ecat_session_can_send(&p->messages[i].on_bus, 0);
+  return code;
 }
 
 /* Waits for as many bus cycles as a step has, and keeps the remaining part of a cycle for the next step. */

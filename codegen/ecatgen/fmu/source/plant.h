@@ -66,15 +66,20 @@ enum plant_role {
   ROLE_MISSED,
   ROLE_WORKING_COUNTER,
   ROLE_WORKING_COUNTER_EXPECTED,
-  ROLE_VALID, /* this role and the next two belong to a slave */
+  ROLE_VALID, /* this role and the next five belong to a slave */
   ROLE_AL_STATE,
   ROLE_AL_STATUS_CODE,
+  ROLE_CAN_STATE,
+  ROLE_CAN_SEND_ERRORS,
+  ROLE_CAN_RECEIVE_ERRORS,
+  ROLE_CAN_VALID, /* this role and the next two belong to a CAN message */
+  ROLE_CAN_AGE,
+  ROLE_CAN_COUNT,
+  ROLE_CAN_INPUT,  /* CAN signal that the FMU sends */
+  ROLE_CAN_OUTPUT, /* CAN signal that the FMU receives */
   ROLE_INPUT,  /* entry that the FMU writes to the bus */
   ROLE_OUTPUT, /* entry that the FMU reads from the bus */
   ROLE_INTERVAL, /* a parameter; this role and those below are of an FMU with bus terminals (ls_bus.h) */
-  ROLE_CAN_STATE,
-  ROLE_SEND_ERRORS,
-  ROLE_RECEIVE_ERRORS,
   ROLE_FRAMES_SENT,
   ROLE_FRAMES_RECEIVED,
   ROLE_OPERATIONS_REFUSED,
@@ -99,13 +104,21 @@ typedef struct plant_slave {
   char *given_name, *label;
 } plant_slave;
 
+/* A message of the CAN bus behind a slave. */
+typedef struct plant_message {
+  ecat_session_message on_bus;
+  int active; /* the importer has set one of its signals, so that it is sent */
+} plant_message;
+
 typedef struct plant_variable {
   enum plant_type type;
   enum plant_role role;
   char *name;
   int slave; /* index in `slaves` */
   int ecu;   /* of a bus terminal */
+  int message; /* index in `messages` */
   ecat_session_entry on_bus; /* of an entry; its range is as it was when the FMU was made */
+  ecat_session_signal signal; /* of a CAN signal */
   char *unit;
   plant_value start, value;
 } plant_variable;
@@ -126,6 +139,8 @@ typedef struct plant {
   char fingerprint[20];
   plant_slave *slaves;
   size_t slave_count;
+  plant_message *messages;
+  size_t message_count;
   plant_variable *variables; /* by value reference */
   size_t variable_count;
 

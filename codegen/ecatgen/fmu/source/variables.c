@@ -28,12 +28,27 @@ void plant_publish(plant *p, enum plant_role role, double real, int64_t integer)
   value->integer = integer;
 }
 
+/* The entry of an input, or what is like one. */
+static const ecat_signal_info *entry_of(const plant_variable *v) {
+  return v->role == ROLE_CAN_INPUT ? &v->signal.as_entry : &v->on_bus.expected;
+}
+
+static void write_signal(plant_variable *v) {
+  if (v->type == PLANT_REAL)
+    ecat_session_can_write(&v->signal, v->value.real);
+  else
+    ecat_session_can_write_int(&v->signal, v->value.integer);
+}
+
 void plant_start_values(plant *p) {
   size_t i;
   for (i = 0; i < p->variable_count; i++) {
     p->variables[i].value = p->variables[i].start;
     p->variables[i].on_bus.pending = 0;
+    if (p->variables[i].role == ROLE_CAN_INPUT) write_signal(&p->variables[i]);
+    if (p->variables[i].role == ROLE_CAN_AGE) p->variables[i].value.real = ECAT_AGE_NEVER;
   }
+  for (i = 0; i < p->message_count; i++) p->messages[i].active = 0;
   plant_publish(p, ROLE_AGE, ECAT_AGE_NEVER, 0);
   for (i = 0; i < p->slave_count; i++) p->slaves[i].on_bus.writes = 0;
   if (p->ls_bus != NULL) ls_bus_clear(p->ls_bus);
@@ -63,7 +78,9 @@ static int ready(plant *p) {
 int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value) {
   const plant_variable *v = find(p, reference, type, "get");
   if (v == NULL) return PLANT_ERROR;
-  if (!is_parameter(v) && v->role != ROLE_TIME && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
+  if (!is_parameter(v) && v->role != ROLE_TIME && v->role != ROLE_INPUT && v->role != ROLE_CAN_INPUT &&
+      ready(p) != PLANT_OK)
+    return PLANT_ERROR;
   *value = v->value;
   if (v->role == ROLE_TIME) value->real = p->time;
   return PLANT_OK;
@@ -77,7 +94,7 @@ int plant_get_string(plant *p, unsigned reference, const char **value) {
 
 /* Whether a variable may be set now. Setting a parameter ends the connection, if there is one. */
 static int settable(plant *p, const plant_variable *v) {
-  if (v->role == ROLE_INPUT) return PLANT_OK;
+  if (v->role == ROLE_INPUT || v->role == ROLE_CAN_INPUT) return PLANT_OK;
   if (!is_parameter(v))
     return plant_say(p, PLANT_ERROR, "set: '%s' cannot be set: it is no input and no parameter",
                      v->name);
@@ -90,7 +107,7 @@ static int settable(plant *p, const plant_variable *v) {
 
 static int refuse(plant *p, const plant_variable *v, double value) {
   double low, high;
-  ecat_limits(&v->on_bus.expected, &low, &high);
+  ecat_limits(entry_of(v), &low, &high);
   return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %.15g: %.15g to %.15g are allowed; it keeps "
                    "its value", v->name, value, low, high);
 }
@@ -118,9 +135,9 @@ static int acceptable(plant *p, const plant_variable *v, plant_value value) {
                      "value", v->name, number);
   if (is_parameter(v)) return acceptable_parameter(p, v, number);
   if (v->type != PLANT_REAL)
-    code = ecat_encode_int(&v->on_bus.expected, value.integer, &bits);
+    code = ecat_encode_int(entry_of(v), value.integer, &bits);
   else
-    code = ecat_encode_physical(&v->on_bus.expected, number, &bits);
+    code = ecat_encode_physical(entry_of(v), number, &bits);
   return code == 0 ? PLANT_OK : refuse(p, v, number);
 }
 
@@ -131,6 +148,10 @@ int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value va
   if ((status = settable(p, v)) != PLANT_OK || (status = acceptable(p, v, value)) != PLANT_OK)
     return status;
   v->value = value;
+  if (v->role == ROLE_CAN_INPUT) {
+    write_signal(v);
+    p->messages[v->message].active = 1;
+  }
   if (v->role != ROLE_INPUT) return PLANT_OK;
   if (type == PLANT_REAL)
     ecat_session_write(&v->on_bus, value.real);

@@ -90,14 +90,16 @@ class CanWatch:
         self._restart = restart
         self._restarts: dict[int, asyncio.Task[None]] = {}
         self._report = report
-        self._gathered: dict[tuple[int, int, int], Batch[tuple[Event, Client | None]]] = {}
+        self._gathered: dict[tuple[int, int, int, int], Batch[tuple[Event, Client | None]]] = {}
 
     def handle(self, event: Event) -> None:
         """Takes an event of the engine about a CAN channel."""
         if event.type == EventType.CAN_STATE and event.value == CanState.BUS_OFF:
             self._heal(event.slave)
         client = self._who(event.slot) if event.slot >= 0 else None
-        key = (event.type, event.slave, event.slot)
+        # A client that comes and goes must not delay the news that one has died.
+        why = event.value if event.type == EventType.CAN_ENDED else 0
+        key = (event.type, event.slave, event.slot, why)
         if key not in self._gathered:
             self._gathered[key] = Batch(partial(self._tell, EventType(event.type)))
         self._gathered[key].note((event, client))
@@ -136,7 +138,7 @@ class CanWatch:
         event, client = events[-1]
         label = self._bus.slaves[event.slave].label
         facts: dict[str, Any] = {"slave": event.slave, "cycle": event.cycle}
-        good = False
+        good, text = False, ""
         if client is not None:
             facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         match kind:
@@ -169,7 +171,7 @@ class CanWatch:
                     "exchange it more often, or let filters of its [slave.can] pass only what is "
                     "needed"
                 )
-            case _:
+            case EventType.CAN_MALFORMED:
                 text = (
                     f"{label} says that it delivers {event.value} CAN frames, but its process data "
                     f"have room for {self._rows[event.slave].receive_queue}: ecatd uses those that "
