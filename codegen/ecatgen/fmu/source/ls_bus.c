@@ -352,7 +352,9 @@ static int receive(plant *p) {
 
 static int claim(plant *p) {
   ls_bus *b = p->ls_bus;
-  int code = ecat_can_claim(p->session.bus, b->channel, p->session.settings.lease, NULL, 0);
+  double lease = p->session.settings.lease;
+  /* With a lease of 0 a thread would give signs of life, also for an importer that hangs. */
+  int code = ecat_can_claim(p->session.bus, b->channel, lease > 0 ? lease : 1e-9, NULL, 0);
   if (code != 0) return code;
   b->sender = ecat_can_sender(p->session.bus);
   b->last = 0;
