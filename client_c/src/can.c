@@ -345,6 +345,18 @@ int ecat_can_release(ecat_t *bus, int channel) {
   return code;
 }
 
+void ecat_can_end(ecat_t *bus) {
+  int i, conflict;
+  if (bus->slot < 0 || ecat_can_lease(bus) == 0 || ecat_slot_foreign(bus) || ecat_slot_lapsed(bus) ||
+      ecat_memory_age(bus) != 0)
+    return;
+  for (i = 0; i < ecat_can_count(bus); i++) {
+    bus->can_use[i].sends = 0;
+    bus->can_use[i].range_count = 0;
+  }
+  (void)ecat_claims_ring(bus, &conflict);
+}
+
 /* --- sending ---------------------------------------------------------------------------------- */
 
 static int check_sender(ecat_t *bus, int channel) {

@@ -115,6 +115,7 @@ def test_help_version_and_rigs():
     assert listed.returncode == 0
     assert [line.split()[0] for line in listed.stdout.splitlines()] == [
         "troll",
+        "troll-can",
         "line:N",
         "terminals:N",
         "branches",

@@ -1,11 +1,10 @@
 """CAN buses whose time a test runs, and a master for the terminals on them."""
 
-import struct
-
 from slave_bench import OP, SAFEOP, Bench
 
-from ecatd.etg.can_terminals import Layout, Settings
-from ecatsim.can import CanBus, CanFrame, CanNode
+from can_handshake import Handshake
+from ecatd.etg.can_terminals import Settings
+from ecatsim.can import CanBus, CanNode
 
 MBIT = 1_000_000
 BIT = 1000  # ns at 1 Mbit/s
@@ -57,14 +56,14 @@ class BusBench(Bench):
 
 
 class Master:
-    """The handshake of a master with one terminal, a cycle at a time."""
+    """A master in OP with one terminal, a cycle at a time."""
 
     def __init__(self, terminal, bus_rate=1000, *, identifiers=11, queue=8, filters=()):
         self.bench = BusBench(terminal)
         self.terminal = terminal
         told = terminal.told
         self.queue = told.queue_max if told.queue_fixed else queue
-        self.layout: Layout = told.layouts[identifiers]
+        self.layout = told.layouts[identifiers]
         self.settings = Settings(
             bit_rate=bus_rate,
             cycle_us=1000,
@@ -74,12 +73,11 @@ class Master:
             flags=8 if identifiers == 29 else 0,
             filters=tuple(filters),
         )
-        self.sizes = {
-            "outputs": self.layout.output_bytes(self.queue),
-            "inputs": self.layout.input_bytes(self.queue),
-        }
-        self.transaction = 0
-        self.pending = []
+        self.can = Handshake(self.layout, self.queue, self.queue)
+
+    @property
+    def outputs(self):
+        return self.can.outputs
 
     def preop(self):
         self.bench.preop()
@@ -88,23 +86,15 @@ class Master:
         return self
 
     def safeop(self):
-        self.bench.set_process_data(**self.sizes)
+        self.bench.set_process_data(len(self.outputs), self.can.input_size)
         assert self.bench.request(SAFEOP) == (SAFEOP, 0)
-        self.outputs = bytearray(self.sizes["outputs"])
         return self
 
     def op(self):
         self.bench.request(OP)
-        self.bench.put(bytes(self.outputs))
+        self.put()
         assert self.bench.pump().al() == (OP, 0)
-        return self.resume()
-
-    def resume(self):
-        """Begins where the counters of the terminal are."""
-        inputs, outputs = self.inputs(), self.layout.outputs
-        outputs.rx_ack.write(self.outputs, self.layout.inputs.rx_counter.read(inputs))
-        outputs.tx_counter.write(self.outputs, self.layout.inputs.tx_echo.read(inputs))
-        outputs.tx_count.write(self.outputs, 0)
+        self.can.begin(self.inputs())
         return self
 
     def start(self):
@@ -121,49 +111,10 @@ class Master:
         self.bench.put(bytes(self.outputs))
 
     def send(self, *frames):
-        self.pending += frames
+        self.can.pending += frames
 
     def cycle(self):
-        """Takes what has come, gives what goes, and exchanges; returns received frames."""
-        inputs, layout = self.inputs(), self.layout
-        counter = layout.inputs.rx_counter.read(inputs)
-        got = []
-        if counter != layout.outputs.rx_ack.read(self.outputs):
-            got = [self.frame(inputs, i) for i in range(layout.inputs.rx_count.read(inputs))]
-            layout.outputs.rx_ack.write(self.outputs, counter)
-        echo = layout.inputs.tx_echo.read(inputs)
-        if self.pending and echo == layout.outputs.tx_counter.read(self.outputs):
-            batch, self.pending = self.pending[: self.queue], self.pending[self.queue :]
-            for number, frame in enumerate(batch):
-                self.write(number, frame)
-            layout.outputs.tx_count.write(self.outputs, len(batch))
-            layout.outputs.tx_counter.write(self.outputs, (echo + 1) & 0xFFFF)
+        """Makes a cycle; returns received frames."""
+        got = self.can.cycle(self.inputs())
         self.put()
         return got
-
-    def frame(self, inputs, number):
-        messages = self.layout.received
-        block = inputs[messages.end(number) : messages.end(number + 1)]
-        length, remote = messages.length.read(block), bool(messages.remote.read(block))
-        data = b"" if remote else bytes(block[messages.data : messages.data + length])
-        extended = bool(messages.extended and messages.extended.read(block))
-        return CanFrame(messages.identifier.read(block), data, extended, remote, length)
-
-    def write(self, number, frame):
-        messages = self.layout.sent
-        block = bytearray(messages.stride)
-        messages.length.write(block, frame.size)
-        messages.identifier.write(block, frame.id)
-        messages.remote.write(block, frame.remote)
-        if messages.extended:
-            messages.extended.write(block, frame.extended)
-        if messages.transaction:
-            self.transaction = (self.transaction + 1) & 0xFFFF
-            messages.transaction.write(block, self.transaction)
-        block[messages.data : messages.data + len(frame.data)] = frame.data
-        self.outputs[messages.end(number) : messages.end(number + 1)] = block
-
-
-def numbered(frame):
-    """The number in the data of a frame of `Traffic` with 8 bytes."""
-    return struct.unpack("<Q", frame.data)[0]

@@ -68,11 +68,12 @@ def test_all_keys(tmp_path: Path) -> None:
         identifiers = 29
         mode = "buffered"
         sample_point = 87
-        frames_per_second = 4000
+        frames_per_second = 3000
         receive_queue = 20
         send_queue = 16
         filters = [0x181, "0x200-0x27f", "385 - 0x1ff"]
         flags = 8
+        bus_off_restart_ms = 2000
         [[slave.can.safe]]
         id = 0
         data = "02 00"
@@ -95,11 +96,12 @@ def test_all_keys(tmp_path: Path) -> None:
         29,
         "buffered",
         87.0,
-        4000,
+        3000,
         20,
         16,
         ["0x181", "0x200-0x27F", "0x181-0x1FF"],
         8,
+        2000,
         [
             CanSafeConfig(0, data="02 00"),
             CanSafeConfig(
@@ -259,12 +261,12 @@ def test_a_fast_mode(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "receive", "send", "remarked"),
     [
-        ("bit_rate = 100", 9, 9, False),
+        ("bit_rate = 100", 11, 11, False),
         ("bit_rate = 500", 32, 32, True),
-        ("bit_rate = 500\nframes_per_second = 2000", 8, 8, False),
+        ("bit_rate = 500\nframes_per_second = 2000", 10, 10, False),
         ("bit_rate = 500\nreceive_queue = 10", 10, 10, True),
         ("bit_rate = 500\nreceive_queue = 12\nsend_queue = 3", 12, 3, True),
-        ("bit_rate = 1000\nframes_per_second = 8000", 32, 32, False),
+        ("bit_rate = 1000\nframes_per_second = 6400", 32, 32, False),
     ],
 )
 def test_queues_are_long_enough(
@@ -280,7 +282,7 @@ def test_the_remark_says_what_the_queues_carry(tmp_path: Path) -> None:
     """And what to write if that is enough, or is not."""
     found = channel(load(tmp_path, f"{HEAD}bit_rate = 500\n"), terminal())
     names(
-        found.remark, "slave[0].can.bit_rate", 8000, 10638, "frames_per_second", "752 µs", '"fast"'
+        found.remark, "slave[0].can.bit_rate", 6400, 10638, "frames_per_second", "601 µs", '"fast"'
     )
 
 
@@ -289,19 +291,19 @@ def test_the_cycle_is_that_of_the_domain(tmp_path: Path) -> None:
     domains = "[[domain]]\n[[domain]]\ndivider = 4\nslaves = ['can']\n"
     text = f"{HEAD}bit_rate = 500\nframes_per_second = 1000\n{domains}"
     found = channel(load(tmp_path, text), terminal())
-    assert (found.cycle_us, found.receive_queue) == (4000, 16)
+    assert (found.cycle_us, found.receive_queue) == (4000, 20)
     assert found.settings.cycle_us == 4000
 
 
 UNFIT = [
     (
         "bit_rate = 500\nframes_per_second = 'full'",
-        ":6: slave[0].can.frames_per_second: 10638 | 4 cycles | 1000 µs | 43 | EL6751 | 32 | "
-        '752 µs | "fast" | bit_rate = 250 | frames_per_second = 8000',
+        ":6: slave[0].can.frames_per_second: 10638 | 5 cycles | 1000 µs | 54 | EL6751 | 32 | "
+        '601 µs | "fast" | bit_rate = 250 | frames_per_second = 6400',
     ),
     (
         "bit_rate = 1000\nframes_per_second = 9000\nidentifiers = 29",
-        ":6: slave[0].can.frames_per_second: 9000 | 36 | 32 | 888 µs | frames_per_second = 8000",
+        ":6: slave[0].can.frames_per_second: 9000 | 45 | 32 | 711 µs | frames_per_second = 6400",
     ),
     (
         "bit_rate = 100\nframes_per_second = 3000",
@@ -309,7 +311,7 @@ UNFIT = [
     ),
     (
         "bit_rate = 500\nframes_per_second = 4000\nreceive_queue = 10",
-        ":7: slave[0].can.receive_queue: 10 | 4000 | 1000 µs | 16",
+        ":7: slave[0].can.receive_queue: 10 | 4000 | 1000 µs | 20",
     ),
     ("bit_rate = 500\nsend_queue = 33", ":6: slave[0].can.send_queue: 33 | 32 | EL6751"),
     ("bit_rate = 400", ":5: slave[0].can.bit_rate: 400 kbit/s | 10, 20, 50 | 250 | EL6751"),

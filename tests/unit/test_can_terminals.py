@@ -168,15 +168,15 @@ def test_every_table_says_where_it_comes_from() -> None:
 
 def test_queues() -> None:
     """Deep enough for the cycles in which a terminal answers."""
-    assert queue_for(2000, 1000) == 8
-    assert queue_for(2001, 1000) == 9
+    assert queue_for(2000, 1000) == 10
+    assert queue_for(2001, 1000) == 11
     assert queue_for(1, 1000) == 1
     full = frames_per_second(500)
     assert round(full) == 10638
-    assert queue_for(full, 1000) == 43
+    assert queue_for(full, 1000) == 54
     assert queue_for(full, 1000, Mode.FAST) == 11
-    assert queue_for(frames_per_second(1000, 29, 8), 1000) == 31
-    assert frames_through(32, 1000) == 8000
+    assert queue_for(frames_per_second(1000, 29, 8), 1000) == 39
+    assert frames_through(32, 1000) == 6400
     assert frames_through(queue_for(full, 1000), 1000) >= full
 
 

@@ -168,7 +168,7 @@ def test_bus_off_stays_until_init():
     assert rig.keeper.frames == []
     assert rig.master.bench.request(INIT) == (INIT, 0)
     assert rig.can.status.state == NodeState.NO_POWER
-    rig.master.pending = []
+    rig.master.can.pending = []
     rig.start()
     rig.cycles(2)
     assert not rig.master.status("bus_off")
@@ -253,8 +253,33 @@ def test_fast_mode_gives_each_cycle_what_came_in_it():
     inputs = rig.master.inputs()
     assert layout.inputs.rx_counter.read(inputs) == 2
     assert layout.inputs.rx_count.read(inputs) == 1
-    assert rig.master.frame(inputs, 0).id == 0x7F
-    assert rig.master.frame(inputs, 1).id == 1  # an old one
+    assert rig.master.can.frame(inputs, 0).id == 0x7F
+    assert rig.master.can.frame(inputs, 1).id == 1  # an old one
+
+
+def test_optimized_mode_keeps_what_has_no_room_and_has_one_buffer():
+    rig = Rig(mode=Mode.OPTIMIZED)
+    words = rig.master.layout.inputs
+    rig.master.preop().safeop()
+    rig.master.bench.request(OP)
+    rig.master.put()
+    assert rig.master.bench.pump().al() == (OP, 0)
+    assert rig.master.inputs() is not None
+    assert rig.master.inputs() is None  # until the next outputs
+    rig.bus.begin()
+    rig.keeper.send(*(CanFrame(n) for n in range(20)))
+    rig.bus.run_ns(3_000_000)
+    got, counter = [], 0
+    for _ in range(5):
+        rig.master.put()
+        inputs = rig.master.inputs()
+        if words.rx_counter.read(inputs) != counter:
+            counter = words.rx_counter.read(inputs)
+            number = words.rx_count.read(inputs)
+            got += [rig.master.can.frame(inputs, i).id for i in range(number)]
+    assert got == list(range(20))
+    assert counter == 3
+    assert rig.can.status.overflowed == 0
 
 
 def test_the_process_data_follow_the_queues():

@@ -35,6 +35,12 @@ SAMPLES = {
     "clock": {"slave": 0, "step_ns": -5000, "drift_ppm": 12.5},
     "identification": {"slave": 1, "value": 42},
     "drift": {"slave": 0, "entry": "0x6000:01", "per_second": -2.5, "limit": 100.0},
+    "can-noise": {"slave": 0, "chance": 0.25, "seed": 3},
+    "can-short": {"slave": 0, "level": "dominant"},
+    "can-bus-off": {"slave": 0},
+    "can-babble": {"slave": 0, "id": 0x10},
+    "can-bit-rate": {"slave": 0, "node": "drive", "kbit": 250},
+    "can-node": {"slave": 0, "node": "1", "power": "off"},
 }
 
 

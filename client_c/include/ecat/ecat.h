@@ -172,7 +172,8 @@ typedef struct ecat_can_info {
 /* Connects to the bus `name` (NULL: "ecat0"). After a failure *bus is still set, for ecat_error(), and
  * must be closed. It is NULL only if memory is exhausted. */
 ECAT_API int ecat_open(ecat_t **bus, const char *name);
-/* Releases all claims and closes the connection. NULL is allowed. */
+/* Releases all claims and closes the connection. NULL is allowed. A client that sends on a CAN channel waits for
+ * the next cycle. */
 ECAT_API void ecat_close(ecat_t *bus);
 
 /* The text that explains the last failed call of this handle; never NULL. */

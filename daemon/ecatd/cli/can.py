@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import BusyError, NoAnswerError, UnreachableError, UsageError
+from ecatd.base.timeouts import Timeout
 
 from .arguments import add_watch, seconds, times
 from .output import print_json_line, table_lines
@@ -242,13 +243,14 @@ def _send(options: argparse.Namespace, channel: CanChannel, words: list[str]) ->
 
 def _put(channel: CanChannel, frame: CanFrame) -> None:
     """Puts a frame into the queue as soon as there is room."""
+    patience = Timeout(_WAIT)
     end = time.monotonic() + _WAIT
     while True:
         try:
             channel.send_all([frame])
-        except BusyError:
+        except BusyError as error:
             if time.monotonic() > end:
-                raise
+                raise BusyError(f"{error}; there was no room for {patience}") from error
             time.sleep(0.002)
         else:
             return

@@ -24,6 +24,7 @@ from can import (
 from can.typechecking import AutoDetectedConfig
 
 from ecatd.base.errors import BusyError, EcatError, LeaseError, NoAnswerError, UnreachableError
+from ecatd.base.timeouts import Timeout
 from ecatd.shm.contract import CanKind, CanState
 from ecatd.shm.files import buses
 
@@ -70,10 +71,14 @@ class EcatdBus(BusABC):
             meanwhile.
         lease: Seconds without `send` after which this program counts as lost, and the safe frames
             of the channel are sent; 0: only the end or the stop of its process counts.
+        bitrate: The bit rate that the channel must have; None: any. The configuration of ecatd sets
+            it.
+        fd: Must be false: terminals have no CAN FD.
         **kwargs: Arguments of `can.BusABC`.
 
     Raises:
-        CanInitializationError: The daemon does not run, or has no such channel.
+        CanInitializationError: The daemon does not run, or has no such channel, or it has another
+            bit rate.
     """
 
     def __init__(
@@ -83,8 +88,12 @@ class EcatdBus(BusABC):
         receive_own_messages: bool = False,
         reserve: Iterable[int | Range] = (),
         lease: float = 0,
+        bitrate: int | None = None,
+        fd: bool = False,
         **kwargs: Any,
     ) -> None:
+        if fd:
+            raise CanInitializationError("EtherCAT terminals have no CAN FD: leave fd out")
         name = str(channel)
         bus, _, slave = name.rpartition("/")
         self._receive_own = receive_own_messages
@@ -97,6 +106,12 @@ class EcatdBus(BusABC):
             place = int(slave) if slave.isdecimal() else slave
             self._in: CanChannel = self._reader.can(place)
             self._out: CanChannel = self._writer.can(place)
+            there = self._in.info.bit_rate
+            if bitrate not in (None, there):
+                raise CanInitializationError(
+                    f"{name} has a bit rate of {there}, not {bitrate}: leave bitrate out, or "
+                    "change bit_rate of its [slave.can] in the configuration of ecatd"
+                )
             if self._reserve:
                 self._claim()
         except EcatError as error:
@@ -180,16 +195,17 @@ class EcatdBus(BusABC):
 
         Args:
             msg: A frame of CAN 2.0.
-            timeout: Seconds to wait for room in the queue; None or 0: none.
+            timeout: Seconds to wait for room in the queue; None: as long as the CAN bus works.
 
         Raises:
-            CanOperationError: There is no room, another program has reserved the identifier, or the
-                daemon has ended. If this program had lost its place, the next call gets another.
+            CanOperationError: There is no room, and the CAN controller is bus-off or has stopped;
+                another program has reserved the identifier; or the daemon has ended. If this
+                program had lost its place, the next call gets another.
             CanTimeoutError: There was no room in time.
         """
         if msg.is_fd:
             raise CanOperationError("EtherCAT terminals have no CAN FD: send a frame of CAN 2.0")
-        end = time.monotonic() + (timeout or 0)
+        end = None if timeout is None else time.monotonic() + timeout
         try:
             one = frame(
                 msg.arbitration_id,
@@ -204,11 +220,12 @@ class EcatdBus(BusABC):
                 try:
                     self._out.send_all([one])
                 except BusyError as error:
-                    if time.monotonic() < end:
-                        self._writer.wait(1, 0.1)
-                        continue
-                    kind = CanTimeoutError if timeout else CanOperationError
-                    raise kind(str(error)) from error
+                    if end is None and self._out.info.state not in _STATES:
+                        raise CanOperationError(str(error)) from error
+                    if end is not None and time.monotonic() >= end:
+                        patience = Timeout(timeout or 0, "timeout")
+                        raise CanTimeoutError(f"{error}; no room in {patience}") from error
+                    self._writer.wait(1, 1.0)
                 else:
                     return
         except EcatError as error:

@@ -183,6 +183,8 @@ class SlaveCanConfig(Placed):
         filters: Identifiers that the terminal receives; none: all.
         flags: Flags of the terminal that choose identifiers and mode (object 0x8000:20). Default:
             those that are known; needed for a fast mode.
+        bus_off_restart_ms: Time after which a terminal that is [bus-off](can.md#bus-off) is
+            started anew, if it does not take part again by itself; 0: never.
         safe: Frames that ecatd sends when a sender is gone.
     """
 
@@ -196,6 +198,7 @@ class SlaveCanConfig(Placed):
     send_queue: Annotated[int | None, integer(1, _QUEUE_MAX)] = None
     filters: Annotated[list[str], _ranges] = field(default_factory=list)
     flags: Annotated[int | None, integer(0, 0xFFFF)] = None
+    bus_off_restart_ms: Annotated[int, integer(0, 3_600_000)] = 1000
     safe: Annotated[list[CanSafeConfig], _safe] = field(default_factory=list)
 
 

@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import ceil
 
-HANDSHAKE_CYCLES = 4
-"""Most cycles that a terminal takes for a batch, each way (broccoli)."""
+HANDSHAKE_CYCLES = 5
+"""Most cycles from one batch to the next, each way: a terminal answers after up to 4 (broccoli),
+and the master in the one after that."""
 
 STANDARD_MAX, EXTENDED_MAX = (1 << 11) - 1, (1 << 29) - 1
 """Largest identifiers of 11 and of 29 bit."""

@@ -9,16 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import Protocol, TypeVar
 
 from ecatd.base.errors import EcatError, UsageError
 
 from . import library as c
 from .frame import CanFrame, Filter
 from .traffic import CheckStatus, Traffic
-
-if TYPE_CHECKING:
-    from .node import CanNode
 
 MAX_NODES = 32
 _BATCH = 64
@@ -110,6 +107,36 @@ def _frame(raw: c.Frame) -> CanFrame:
     return CanFrame(raw.id, data, extended, remote, raw.length, raw.time_ns, raw.tag)
 
 
+class Member(Protocol):
+    """What a bus needs of its nodes in Python; `CanNode` has it.
+
+    Attributes:
+        place: Its number on the bus.
+    """
+
+    place: int
+
+    def connect(self, bus: CanBus) -> None:
+        """Becomes a node of a bus."""
+
+    def power(self, on: bool) -> None:
+        """Switches its power."""
+
+    def take(self) -> None:
+        """Takes received frames."""
+
+    def step(self, now: float) -> None:
+        """Makes a step."""
+
+    @property
+    def check_results(self) -> list[CheckStatus]:
+        """What its checks have found."""
+        ...
+
+
+N = TypeVar("N", bound=Member)
+
+
 class CanBus:
     """A bus with nodes.
 
@@ -137,8 +164,9 @@ class CanBus:
             raise UsageError(f"a bit rate of {bit_rate} is not from 1 to 1000000 bits a second")
         self.bit_rate = bit_rate
         self.name = name or f"can{next(_names)}"
-        self.nodes: list[CanNode] = []
+        self.nodes: list[Member] = []
         self.places: list[str] = []
+        self._babbler: int | None = None
         self.now_ns = clock
         self._lib = c.library()
         pointer = self._lib.can_create(clock())
@@ -150,7 +178,7 @@ class CanBus:
 
     # --- nodes ---------------------------------------------------------------------------------
 
-    def add(self, node: CanNode) -> CanNode:
+    def add(self, node: N) -> N:
         """Connects a node, and switches its power on."""
         node.connect(self)
         self.nodes.append(node)
@@ -293,6 +321,15 @@ class CanBus:
             period_ns=round(1e9 / traffic.rate) if traffic.rate else 0,
             count=traffic.count,
         )
+
+    def babble(self, identifier: int | None) -> None:
+        """Has a node send a frame again and again, as fast as the bus allows; None: no more."""
+        if self._babbler is None:
+            self._babbler = self.add_place("babbling node")
+            self.power(self._babbler, True)
+        self.clear_traffic(self._babbler)
+        if identifier is not None:
+            self.add_traffic(self._babbler, Traffic(identifier))
 
     # --- state and faults ----------------------------------------------------------------------
 

@@ -18,6 +18,8 @@ from typing import Any
 
 import can
 
+from ecatd.base.timeouts import Timeout
+
 from .bus import CanBus, NodeState
 from .frame import CanFrame
 
@@ -89,10 +91,13 @@ class SimulatedBus(can.BusABC):
         data = b"" if msg.is_remote_frame else bytes(msg.data)
         remote, extended = msg.is_remote_frame, msg.is_extended_id
         frame = CanFrame(msg.arbitration_id, data, extended, remote, msg.dlc)
-        until = time.monotonic() + (timeout or 0.0)
+        patience = Timeout(timeout or 0.0, "timeout")
+        until = time.monotonic() + patience.seconds
         while not self._can.send(self._place, [frame]):
             if time.monotonic() >= until:
-                raise can.CanOperationError(f"{self.channel_info}: the queue is full")
+                raise can.CanOperationError(
+                    f"{self.channel_info}: the queue had no room within {patience}"
+                )
             time.sleep(0.001)
 
     @property

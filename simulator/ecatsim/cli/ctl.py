@@ -200,6 +200,26 @@ def _print_clocks(result: dict[str, Any]) -> None:
         )
 
 
+def _print_can(result: dict[str, Any]) -> None:
+    columns = ("state", "transmit_errors", "receive_errors", "sent", "received", "failed")
+    if not result["buses"]:
+        print("no CAN buses")
+    for number, bus in enumerate(result["buses"]):
+        slaves = {item["node"]: item["slave"] for item in bus["terminals"]}
+        print(
+            *([] if number == 0 else ["\n"]),
+            f"{bus['name']}: {bus['frames']} frames, {bus['error_frames']} error frames",
+            sep="",
+        )
+        _print_table(
+            ["node", "name", "slave", *(name.replace("_", " ") for name in columns)],
+            [
+                [place, node["name"], slaves.get(place, "-"), *(node[name] for name in columns)]
+                for place, node in enumerate(bus["nodes"])
+            ],
+        )
+
+
 _PRINTERS: dict[str, Callable[[dict[str, Any]], None]] = {
     "status": _print_status,
     "faults": _print_faults,
@@ -208,5 +228,6 @@ _PRINTERS: dict[str, Callable[[dict[str, Any]], None]] = {
     "set": lambda result: None,
     "registers": _print_registers,
     "clocks": _print_clocks,
+    "can": _print_can,
     "stop": lambda result: None,
 }

@@ -136,6 +136,11 @@ class Simulator:
         """Returns the distributed clocks of all slaves, all read at the same moment."""
         return [Clock(**clock) for clock in self.request("clocks")["clocks"]]
 
+    def can(self) -> list[dict[str, Any]]:
+        """Returns the CAN buses behind terminals, with their nodes and counters."""
+        buses: list[dict[str, Any]] = self.request("can")["buses"]
+        return buses
+
     def stop(self) -> None:
         """Ends the simulator, as SIGTERM does."""
         self.request("stop")

@@ -19,6 +19,7 @@ from ..faults.fault import Slave
 from ..parameters import Described, Is
 from ..simulation import Simulation
 from ..slave.objects import Value, Variable
+from .can import can_bus
 from .status import Status, of_slave, to_map
 
 _MEMORY = 0x10000
@@ -192,6 +193,17 @@ class ShowClocks(Request):
 
 
 @dataclass(frozen=True)
+class ShowCan(Request):
+    """Show the CAN buses behind terminals: their nodes, with states and counters."""
+
+    kind: ClassVar[str] = "can"
+
+    def answer(self, session: Session) -> dict[str, Any]:
+        """Returns the buses as maps."""
+        return {"buses": [can_bus(session.simulation, bus) for bus in session.simulation.rig.can]}
+
+
+@dataclass(frozen=True)
 class Stop(Request):
     """End the simulator, as SIGTERM does."""
 
@@ -204,7 +216,8 @@ class Stop(Request):
 
 
 REQUESTS: dict[str, type[Request]] = {
-    cls.kind: cls for cls in (ShowStatus, ShowFaults, Clear, Get, Set, Registers, ShowClocks, Stop)
+    cls.kind: cls
+    for cls in (ShowStatus, ShowFaults, Clear, Get, Set, Registers, ShowClocks, ShowCan, Stop)
 }
 
 

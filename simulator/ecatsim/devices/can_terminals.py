@@ -7,6 +7,7 @@ handshake is late, a terminal keeps few frames, and those that wait are dropped 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -32,11 +33,20 @@ _BUS, _CONFIGURATION, _FILTERS, _DIAGNOSIS = 0xF800, 0x8000, 0x8001, 0xF108
 _RATE, _KEPT_AT = 0x02, 0x0F
 _FLAGS, _RECEIVE, _SEND = 0x20, 0x21, 0x22
 _EXTENDED = 0x0008
+_BUFFERS, _ONE_BUFFER = 0x03, 0x02  # bits of the control byte of a sync manager
 _QUEUE, _KEPT = 10, 100
 _MAX_FILTERS = 32
 _U8, _U16, _U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
 _RAW = DataType.OCTET_STRING
 _CONFIGURABLE = Access.READ | Access.WRITE_PREOP
+_SYNC_MANAGERS = (
+    SyncManager(SmType.MAILBOX_OUT, 0x1000, 1024, 0x26),
+    SyncManager(SmType.MAILBOX_IN, 0x1400, 1024, 0x22),
+    SyncManager(SmType.OUTPUTS, 0x1800, 0, 0x24, enable=0),
+    SyncManager(SmType.INPUTS, 0x2400, 0, 0x20, enable=0),
+)
+"""Addresses as in DLR's example; they leave room for three buffers of the longest queues."""
+
 _PARAMETERS = (
     Parameter("handshake_cycles", "cycles to the answer of the terminal", 2, 1, 4),
     Parameter("mode", "how frames go through the process data", "buffered", choices=tuple(Mode)),
@@ -63,13 +73,7 @@ class CanTerminal(Device):
     parameters: ClassVar[tuple[Parameter, ...]] = _PARAMETERS
     chip = COMPLEX_CHIP
     mailbox = Mailbox(0x1000, 1024, 0x1400, 1024, coe_details=0x2F)
-    # Addresses as in DLR's example; they leave room for three buffers of the longest queues.
-    sync_managers = (
-        SyncManager(SmType.MAILBOX_OUT, 0x1000, 1024, 0x26),
-        SyncManager(SmType.MAILBOX_IN, 0x1400, 1024, 0x22),
-        SyncManager(SmType.OUTPUTS, 0x1800, 0, 0x24, enable=0),
-        SyncManager(SmType.INPUTS, 0x2400, 0, 0x20, enable=0),
-    )
+    sync_managers: Sequence[SyncManager] | None = _SYNC_MANAGERS
     fmmus = COMPLEX_FMMUS
     pdos_in_sii = False
     sync_parameters = True
@@ -83,9 +87,15 @@ class CanTerminal(Device):
         kept: int = 0,
     ) -> None:
         self._handshake, self._mode, self._kept = handshake_cycles, Mode(mode), kept
+        if self._mode is Mode.OPTIMIZED:
+            self.sync_managers = [_one_buffer(sm) for sm in _SYNC_MANAGERS]
         self.rx_pdos, self.tx_pdos = self._pdos(min(self.told.layouts), *self._first_queues)
-        self.can = TerminalPort(bus or CanBus(), self.order, recovers=self.told.recovers)
+        self.plug(bus or CanBus())
         super().__init__()
+
+    def plug(self, bus: CanBus) -> None:
+        """Plugs it into a bus, before it is on a segment."""
+        self.can = TerminalPort(bus, self.order, recovers=self.told.recovers)
 
     @property
     def _first_queues(self) -> tuple[int, int]:
@@ -308,6 +318,10 @@ def _entries(index: int, messages: Messages, queue: int, spare: int) -> list[Ent
     ]
     gap = [Entry(0, 0, "", DataType.PADDING, 8 * spare)] if spare else []
     return [*words, *frames, *gap]
+
+
+def _one_buffer(sm: SyncManager) -> SyncManager:
+    return replace(sm, control=sm.control & ~_BUFFERS | _ONE_BUFFER)
 
 
 def _status_entries() -> list[Entry]:

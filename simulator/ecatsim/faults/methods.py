@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, ParamSpec, Self, overload
 
-from . import frames, slaves
+from . import can, frames, slaves
 from .fault import Fault
 
 _P = ParamSpec("_P")
@@ -60,6 +60,12 @@ class FaultMethods:
     clock = Method(slaves.Clock)
     identification = Method(slaves.Identification)
     drift = Method(slaves.Drift)
+    can_noise = Method(can.CanNoise)
+    can_short = Method(can.CanShort)
+    can_bus_off = Method(can.CanBusOff)
+    can_babble = Method(can.CanBabble)
+    can_bit_rate = Method(can.CanBitRate)
+    can_node = Method(can.CanNodePower)
 
     def add(self, fault: Fault) -> int:
         """Adds a fault and returns its number."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ecatd.base.errors import ConfigError, UsageError
 
+from .can import CanBabble, CanBitRate, CanBusOff, CanNodePower, CanNoise, CanShort
 from .fault import Fault
 from .frames import Corrupt, Delay, Drop, Duplicate, Noise, Wkc
 from .slaves import (
@@ -31,6 +32,7 @@ FAULTS: dict[str, type[Fault]] = {
         *(Drop, Delay, Duplicate, Corrupt, Noise, Wkc),
         *(BreakLink, HealLink, PowerOff, PowerOn, Swap, Module),
         *(AlError, Emergency, Mailbox, Eeprom, Clock, Identification, Drift),
+        *(CanNoise, CanShort, CanBusOff, CanBabble, CanBitRate, CanNodePower),
     )
 }
 """The class of each fault, by the fault's name."""

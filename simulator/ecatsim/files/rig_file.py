@@ -18,10 +18,10 @@ from ..esc import MAX_SLAVES
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_fmu, rig_links, rig_waveforms, sources
+from . import device_file, python_file, rig_can, rig_fmu, rig_links, rig_waveforms, sources
 from .esi import device_from_esi
 
-_KEYS = ("name", "ring", "slave", "wire", "waveform", "plant", "fault")
+_KEYS = ("name", "ring", "slave", "can", "wire", "waveform", "plant", "fault")
 _IDENTITY = ("alias", "serial", "device_id")
 _PLACE = ("at", "ports_exchanged", *_IDENTITY)
 _SOURCES = ("device", "esi")
@@ -51,6 +51,7 @@ def load(path: Path) -> Rig:
     slaves = list(zip(rows, rig.devices, strict=True))
     rig_links.connect(table, rows, rig)
     rig.exchanged = [device for row, device in slaves if row.boolean("ports_exchanged", False)]
+    rig_can.read(table, rig, _from_file)
     driven: set[Terminal] = set()
     for row in table.tables("wire"):
         row.only(("from", "to", "scale", "offset"))
@@ -114,21 +115,27 @@ def _named_device(table: Table) -> Device:
     """Makes a device of the library, of a device file, or of a class in a Python file."""
     table.only(("device", "parameters", *_PLACE))
     text = table.text("device")
-    name, colon, class_name = text.rpartition(":")
+    name, colon, _ = text.rpartition(":")
     if text.endswith(".toml"):
         if "parameters" in table:
             table.fail("parameters", "belong to devices of the library or of Python files")
         return device_file.load(_existing(table, "device", text))
     parameters = _parameters(table)
-    if text.endswith(".py"):
-        table.fail("device", f'names no class: write "{text}:ClassName"')
-    if colon and name.endswith(".py"):
-        path = _existing(table, "device", name)
-        made = _call(path, python_file.get(path, class_name), parameters)
+    if text.endswith(".py") or (colon and name.endswith(".py")):
+        made = _from_file(table, text, parameters)
         if not isinstance(made, Device):
-            table.fail("device", f"{class_name} in '{path}' does not make an ecatsim.Device")
+            table.fail("device", f"'{text}' does not make an ecatsim.Device")
         return made
     return table.explain("device", lambda: library.make(text, **parameters))
+
+
+def _from_file(table: Table, text: str, parameters: dict[str, Any]) -> object:
+    """Makes what `device` names with the name of a Python file and a class in it."""
+    name, _, class_name = text.rpartition(":")
+    if text.endswith(".py"):
+        table.fail("device", f'names no class: write "{text}:ClassName"')
+    path = _existing(table, "device", name)
+    return _call(path, python_file.get(path, class_name), parameters)
 
 
 def _parameters(table: Table) -> dict[str, Any]:

@@ -86,6 +86,8 @@ class CanChannel:
         flags: Flags of the terminal.
         filters: Identifiers that it receives; none: all.
         safe: Frames that are sent when a sender is gone, in this order.
+        bus_off_restart_ms: Milliseconds after which the terminal is started anew when it is
+            bus-off; 0: never, or it takes part again by itself.
         remark: A sentence about queues that are shorter than a full bus needs; else empty.
     """
 
@@ -101,6 +103,7 @@ class CanChannel:
     flags: int
     filters: tuple[Range, ...]
     safe: tuple[SafeFrame, ...]
+    bus_off_restart_ms: int
     remark: str
 
     @property
@@ -252,6 +255,7 @@ def can_channel(config: Config, can: SlaveCanConfig, slave: Slave) -> CanChannel
         flags=_flags(can, terminal, mode, identifiers, name),
         filters=ranges(can.filters),
         safe=tuple(map(SafeFrame.of, can.safe)),
+        bus_off_restart_ms=0 if terminal.recovers else can.bus_off_restart_ms,
         remark=remark,
     )
 

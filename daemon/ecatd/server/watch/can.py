@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Protocol
 
 from ecatd.base.batch import Batch, last_of
+from ecatd.base.errors import EcatError
 from ecatd.description.bus import Bus
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.shm import contract as shm
@@ -34,6 +36,10 @@ _STATES = {
     CanState.BUS_OFF: "the CAN controller is bus-off",
 }
 _CHECK = ": check its cable and termination, the bit rate of all nodes, and that another node is on"
+_LONGEST_PAUSE = 60.0
+"""Seconds between two starts of a terminal that is bus-off again and again."""
+_SETTLES = 0.5
+"""Seconds after a start in which its state is known."""
 _BAD = (CanState.WARNING, CanState.PASSIVE, CanState.BUS_OFF)
 
 _ENDS = {
@@ -64,30 +70,67 @@ class CanWatch:
     Args:
         running: The bus.
         who: Who is in a slot.
+        restart: Takes a slave to INIT, and back to OP.
         report: Reports.
     """
 
-    def __init__(self, running: RunningBus, who: Callable[[int], Client], report: Reporter) -> None:
+    def __init__(
+        self,
+        running: RunningBus,
+        who: Callable[[int], Client],
+        restart: Callable[[int], Awaitable[None]],
+        report: Reporter,
+    ) -> None:
         self._bus: Bus = running.bus
         self._rows = {
             row.slave: row for row in running.shared.can[: running.shared.header.can_count]
         }
+        self._channels = {channel.slave: channel for channel in running.data.resolved.can}
         self._who = who
+        self._restart = restart
+        self._restarts: dict[int, asyncio.Task[None]] = {}
         self._report = report
-        self._gathered: dict[tuple[int, int, int], Batch[tuple[Event, Client | None]]] = {}
+        self._gathered: dict[tuple[int, int, int, int], Batch[tuple[Event, Client | None]]] = {}
 
     def handle(self, event: Event) -> None:
         """Takes an event of the engine about a CAN channel."""
+        if event.type == EventType.CAN_STATE and event.value == CanState.BUS_OFF:
+            self._heal(event.slave)
         client = self._who(event.slot) if event.slot >= 0 else None
-        key = (event.type, event.slave, event.slot)
+        # A client that comes and goes must not delay the news that one has died.
+        why = event.value if event.type == EventType.CAN_ENDED else 0
+        key = (event.type, event.slave, event.slot, why)
         if key not in self._gathered:
             self._gathered[key] = Batch(partial(self._tell, EventType(event.type)))
         self._gathered[key].note((event, client))
 
     def close(self) -> None:
-        """Reports what still waits."""
+        """Reports what still waits, and starts no terminal any more."""
+        for task in self._restarts.values():
+            task.cancel()
         for batch in self._gathered.values():
             batch.close()
+
+    def _heal(self, slave: int) -> None:
+        pause = self._channels[slave].bus_off_restart_ms
+        if pause and slave not in self._restarts:
+            self._restarts[slave] = asyncio.create_task(self._start_anew(slave, pause / 1000))
+            self._restarts[slave].add_done_callback(lambda _: self._restarts.pop(slave, None))
+
+    async def _start_anew(self, slave: int, pause: float) -> None:
+        """Starts a terminal that is bus-off until it is not, after growing pauses."""
+        label = self._bus.slaves[slave].label
+        while True:
+            await asyncio.sleep(pause)
+            if self._rows[slave].state != CanState.BUS_OFF:
+                return
+            self._report.log.warning(f"{label}: bus-off for {pause:g} s, so ecatd starts it anew")
+            try:
+                await self._restart(slave)
+            except EcatError as error:
+                self._report.log.warning(f"{label}: it could not be started anew: {error}")
+            pause = min(2 * pause, max(pause, _LONGEST_PAUSE))
+            await asyncio.sleep(_SETTLES)
 
     def _tell(
         self, kind: EventType, events: list[tuple[Event, Client | None]], left_out: int
@@ -95,7 +138,7 @@ class CanWatch:
         event, client = events[-1]
         label = self._bus.slaves[event.slave].label
         facts: dict[str, Any] = {"slave": event.slave, "cycle": event.cycle}
-        good = False
+        good, text = False, ""
         if client is not None:
             facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         match kind:
@@ -128,7 +171,7 @@ class CanWatch:
                     "exchange it more often, or let filters of its [slave.can] pass only what is "
                     "needed"
                 )
-            case _:
+            case EventType.CAN_MALFORMED:
                 text = (
                     f"{label} says that it delivers {event.value} CAN frames, but its process data "
                     f"have room for {self._rows[event.slave].receive_queue}: ecatd uses those that "

@@ -18,6 +18,7 @@ from ecatd.base.batch import Batch
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
 from ecatd.description.cables import Cables
+from ecatd.etg.al import AlState
 from ecatd.master.emergencies import Emergency
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.master.worker import Worker
@@ -103,7 +104,7 @@ class Monitor:
         self.exchange = ExchangeWatch(
             running, worker, of_interfaces, self._explain, self.slaves.find_away
         )
-        self._can = can.CanWatch(running, self._outputs.client, of_outputs)
+        self._can = can.CanWatch(running, self._outputs.client, self._start_anew, of_outputs)
         self._drives = DriveWatch(running, lambda request: answer(request, _NOBODY), report)
         self._clocks = None
         if running.clocks is not None:
@@ -221,6 +222,10 @@ class Monitor:
         kind = EventType.MALFORMED
         cycle = self._shared.header.cycle
         self._outputs.handle(Event(kind, slave=-1, slot=slot, value=generation, cycle=cycle))
+
+    async def _start_anew(self, slave: int) -> None:
+        await self.slaves.change([slave], AlState.INIT)
+        await self.slaves.change([slave], AlState.OP)
 
     def _report_working_counter(self, event: Event) -> None:
         state = shm.WkcState(event.value).name.lower()

@@ -91,7 +91,6 @@ class CanopenDrive(CanopenNode):
         Parameter("inertia", "motor and load in kg m²", 2.5e-4, 1e-6, 1),
         Parameter("heartbeat_ms", "time between two heartbeats, 0 for none", 100, 0, 65535),
         Parameter("seed", "seed of the noise of the measured current", 1),
-        Parameter("bit_rate", "bits a second, 0 for that of the bus", 0, 0, 1_000_000),
     )
 
     def __init__(

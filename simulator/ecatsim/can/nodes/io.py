@@ -30,7 +30,6 @@ class CanopenIO(CanopenNode):
     parameters = (
         Parameter("node_id", "node number", 2, 1, 127),
         Parameter("heartbeat_ms", "time between two heartbeats, 0 for none", 100, 0, 65535),
-        Parameter("bit_rate", "bits a second, 0 for that of the bus", 0, 0, 1_000_000),
     )
 
     def __init__(self, node_id: int = 2, heartbeat_ms: int = 100, bit_rate: int = 0) -> None:

@@ -20,10 +20,7 @@ class TorqueSensor(CanNode):
         bit_rate: Its bit rate; 0: that of the bus.
     """
 
-    parameters = (
-        Parameter("id", "identifier of its first frame", 0x18FF0000, 0, 0x1FFFFF00),
-        Parameter("bit_rate", "bits a second, 0 for that of the bus", 0, 0, 1_000_000),
-    )
+    parameters = (Parameter("id", "identifier of its first frame", 0x18FF0000, 0, 0x1FFFFF00),)
 
     def __init__(self, id: int = 0x18FF0000, bit_rate: int = 0) -> None:
         super().__init__("torque sensor", bit_rate, traffic=sensor_traffic(id))
