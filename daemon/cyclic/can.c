@@ -206,7 +206,8 @@ static void receive(cyclic_t *c, struct can_channel *channel, uint64_t time_ns) 
   if (c->domain[channel->domain].wkc_state != ECAT_WKC_COMPLETE) return; /* the inputs are older ones */
   if (!channel->runs) {
     begin(channel);
-    counter_add(&channel->shared->restarts, 1);
+    if (channel->was_running) counter_add(&channel->shared->restarts, 1);
+    channel->was_running = 1;
   }
   if (!terminal->handshake || get(channel->inputs, &terminal->send_echo) == channel->send_counter) {
     channel->accepted = 1;

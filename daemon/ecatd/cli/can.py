@@ -160,7 +160,7 @@ def _identifier(frame: CanFrame) -> str:
 
 
 def _line(frame: CanFrame, name: str, *, log: bool) -> str:
-    """A line as candump writes it; records that are no frames follow as comments."""
+    """A line as `candump -x` writes it; records that are no frames follow as comments."""
     from ecatd.client.can import wall_clock
     from ecatd.shm.contract import CanKind
 
@@ -172,7 +172,7 @@ def _line(frame: CanFrame, name: str, *, log: bool) -> str:
         return f"({wall_clock(frame.time_ns):.6f}) {name} {_identifier(frame)}#{data} {side}"
     data = "remote request" if frame.remote else frame.data.hex(" ").upper()
     side = {CanKind.RECEIVED: "RX", CanKind.SENT: "TX"}[frame.kind]
-    return f"  {name}  {side}  {_identifier(frame):>8}   [{frame.length}]  {data}".rstrip()
+    return f"  {name}  {side} - -  {_identifier(frame):>8}   [{frame.length}]  {data}".rstrip()
 
 
 def _news(frame: CanFrame) -> str:
@@ -341,46 +341,51 @@ def _range_text(first: int, last: int) -> str:
 
 
 def _lines(document: dict[str, Any]) -> list[str]:
-    from ecatd.shm.contract import CAN_COUNTERS
-
     if not document["channels"]:
         return ["no CAN terminal: [slave.can] in the configuration of ecatd makes a slave one"]
     lines: list[str] = []
     for item in document["channels"]:
-        state = item["state"].replace("_", "-")
-        lines += [
-            f"slave {item['slave']} ({item['slave_name']}): {item['bit_rate'] / 1000:g} kbit/s, "
-            f"identifiers of {item['identifier_bits']} bits, {state}; error counters "
-            f"{item['send_errors']} (sent), {item['receive_errors']} (received)",
-        ]
-        lines += [
-            f"  {line}"
-            for line in table_lines(
-                ("COUNTER", "", "WHAT"),
-                ((c.label, item[c.name], c.meaning) for c in CAN_COUNTERS),
-                " >",
-            )
-        ]
-        if item["safe_active"]:
-            lines.append(f"  {item['safe_active']} safe frames are being sent: a sender has ended")
-        if item["senders"]:
-            lines += [
-                f"  {line}"
-                for line in table_lines(
-                    ("SENDER", "WAITING", "SENT", "REFUSED", "LOST", "RESERVED"),
-                    (
-                        (
-                            f"{one['program'] or 'slot ' + str(one['slot'])} ({one['pid']})",
-                            "?" if one["waiting"] is None else one["waiting"],
-                            one["sent"],
-                            one["refused"],
-                            one["unsent"],
-                            ", ".join(one["reserved"]),
-                        )
-                        for one in item["senders"]
-                    ),
-                    " >>>>",
-                )
-            ]
-        lines.append("")
+        lines += [*_channel_lines(item), ""]
     return lines[:-1]
+
+
+def _channel_lines(item: dict[str, Any]) -> Iterator[str]:
+    """A channel, what is not well with it, and its senders."""
+    from ecatd.shm.contract import CAN_COUNTERS
+
+    from .terminal import alarm
+
+    state = item["state"].replace("_", "-")
+    yield (
+        f"slave {item['slave']} ({item['slave_name']}): {item['bit_rate'] / 1000:g} kbit/s, "
+        f"identifiers of {item['identifier_bits']} bits, {state}"
+    )
+    yield (
+        f"  error counters {item['send_errors']} (sent), {item['receive_errors']} (received); "
+        f"queues {item['send_queue']} and {item['receive_queue']} frames"
+    )
+    yield f"  {item['received']} frames received, {item['sent']} sent"
+    for counter in CAN_COUNTERS:
+        if counter.severity != "info" and item[counter.name]:
+            line = f"  {item[counter.name]} {counter.label}: {counter.meaning}"
+            yield alarm(line) if counter.severity == "warning" else line
+    if item["safe_active"]:
+        yield alarm(f"  {item['safe_active']} safe frames are being sent: a sender has ended")
+    if item["senders"]:
+        table = table_lines(
+            ("SENDER", "PID", "WAITING", "SENT", "REFUSED", "LOST", "RESERVED"),
+            (
+                (
+                    one["program"] or f"slot {one['slot']}",
+                    one["pid"] or "?",
+                    "?" if one["waiting"] is None else one["waiting"],
+                    one["sent"],
+                    one["refused"],
+                    one["unsent"],
+                    ", ".join(one["reserved"]),
+                )
+                for one in item["senders"]
+            ),
+            " >>>>>",
+        )
+        yield from (f"  {line}" for line in table)
