@@ -203,7 +203,9 @@ static void receive(cyclic_t *c, struct can_channel *channel, uint64_t time_ns) 
     if (channel->runs) stop(c, channel, time_ns);
     return;
   }
-  if (c->domain[channel->domain].wkc_state != ECAT_WKC_COMPLETE) return; /* the inputs are older ones */
+  /* The terminal has datagrams of its own. Unless they were whole, its inputs are older ones, whose counters are
+   * known. Without a handshake nobody would notice that. */
+  if (!terminal->handshake && c->domain[channel->domain].wkc_state != ECAT_WKC_COMPLETE) return;
   if (!channel->runs) {
     begin(channel);
     if (channel->was_running) counter_add(&channel->shared->restarts, 1);
