@@ -47,7 +47,7 @@ help:
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
 	@echo "make screenshots"
 	@echo "             take pictures of the live view, in chromium, into docs/pictures"
-	@echo "make screens draw screens of commands and the figure of the demo into docs/pictures"
+	@echo "make screens draw screens of commands and the figures of the demos into docs/pictures"
 	@echo "make clean   remove what the other commands made"
 
 $(BIN)/python:
@@ -101,11 +101,12 @@ demo-can: $(VENV)/.demo-can
 pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.test),,$(VENV)/.test))
 	@PYTHONPATH=daemon:codegen:tools $(BIN)/python -m ecatdev.drawing docs/pictures
 
-# What the README shows: screens of commands, the topology, and the figure of the demo.
+# What the README shows: screens of commands, the topology, and the figures of the demos.
 screens: $(VENV)/.test
 	@PYTHONPATH=tools $(BIN)/python -m ecatdev.screens docs/pictures
 	@$(BIN)/python examples/figure9/demo.py --out build/demo --bus "$(BUS)"
-	@cp build/demo/figure9.png docs/pictures/figure9.png
+	@$(BIN)/python examples/can/demo.py --out build/demo/can --bus "$(BUS)"
+	@cp build/demo/figure9.png build/demo/can/figure9-can.png docs/pictures
 
 # The live view as it looks on the simulated bus; it needs chromium, and the page.
 screenshots: $(VENV)/.test
