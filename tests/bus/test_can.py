@@ -645,9 +645,9 @@ def test_ecatctl_sends_and_shows_frames_as_candump_does(daemon: Daemon) -> None:
     dump.stdout.close()
     name = f"{daemon.bus}/{LEFT}"
     known = {
-        f"  {name}  RX       123   [1]  5A",
-        f"  {name}  TX       124   [4]  DE AD BE EF",
-        f"  {name}  TX  18FF0001   [4]  remote request",
+        f"  {name}  RX - -       123   [1]  5A",
+        f"  {name}  TX - -       124   [4]  DE AD BE EF",
+        f"  {name}  TX - -  18FF0001   [4]  remote request",
     }
     assert len(lines) == 4
     assert set(lines) <= known
@@ -686,3 +686,21 @@ def test_counters_arrive_everywhere(daemon: Daemon) -> None:
     assert [row["slave"] for row in rows] == [LEFT, RIGHT]
     assert rows[0]["sent"] >= sent
     assert rows[0]["can_state"] == "active"
+
+
+def test_a_bus_without_another_node_is_a_fault_of_the_health(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    daemon = start_daemon(str(rig), config=CONFIG)
+    assert daemon.ctl("check").returncode == 0
+    simulator(daemon, "power-off", str(RIGHT))  # nobody acknowledges frames any more
+    with channel(daemon, LEFT) as left:
+        left.can.claim()
+        left.can.send(0x100)
+        wait_for(lambda: left.can.info.state == CanState.PASSIVE, daemon)
+        shown = daemon.ctl("check", check=False).stdout
+        (line,) = [line for line in shown.splitlines() if "error passive" in line]
+        names(line, "left", "128", "termination")
+        simulator(daemon, "power-on", str(RIGHT))
+        left.can.flush(PATIENCE)
+        assert left.can.info.own_sent == 1

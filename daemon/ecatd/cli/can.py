@@ -160,7 +160,7 @@ def _identifier(frame: CanFrame) -> str:
 
 
 def _line(frame: CanFrame, name: str, *, log: bool) -> str:
-    """A line as candump writes it; records that are no frames follow as comments."""
+    """A line as `candump -x` writes it; records that are no frames follow as comments."""
     from ecatd.client.can import wall_clock
     from ecatd.shm.contract import CanKind
 
@@ -172,7 +172,7 @@ def _line(frame: CanFrame, name: str, *, log: bool) -> str:
         return f"({wall_clock(frame.time_ns):.6f}) {name} {_identifier(frame)}#{data} {side}"
     data = "remote request" if frame.remote else frame.data.hex(" ").upper()
     side = {CanKind.RECEIVED: "RX", CanKind.SENT: "TX"}[frame.kind]
-    return f"  {name}  {side}  {_identifier(frame):>8}   [{frame.length}]  {data}".rstrip()
+    return f"  {name}  {side} - -  {_identifier(frame):>8}   [{frame.length}]  {data}".rstrip()
 
 
 def _news(frame: CanFrame) -> str:
