@@ -1,150 +1,238 @@
-"""A model leads a CANopen drive behind a terminal, with the PDOs of its EDS file."""
+"""A CANopen drive behind a CAN terminal, which the program of examples/can turns.
+
+It stops when the program dies or hangs, and when the daemon ends.
+"""
 
 from __future__ import annotations
 
+import csv
+import os
+import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
+from turning_drive import simulator_beside
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "contract"))
-
-from can_client import Others
-from plant_calls import CONTINUE, compile_program
-
-from conftest import Daemon
+from conftest import PATIENCE, SHM, Daemon, names, stop_process
 from ecatsim.can.nodes.drive import EDS
+from ecatsim.control import Simulator
 
-pytestmark = pytest.mark.bus
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
-CYCLE_TIME_US = 2000
-NODE, SLAVE = 5, 6
-CONFIG = """
-[gateway]
-listen = []
-[[slave]]
-position = 6
-name = "axes"
-[slave.can]
-bit_rate = 1000
-frames_per_second = 2500
-[[slave.can.safe]]
-id = 0
-data = "02 05"
-"""
+CYCLE_TIME_US = 1000
+"""The program samples every millisecond, and so does its bus."""
 
-PROGRAM = """
-#include "Plant.h"
-int main(int argc, char **argv) {
-  static Plant plant;
-  Plant_Axes *can = &plant.axes;
-  static const int start[8] = {1, 5}, none[8] = {0};
-  double time;
-  int cycle, speed, word, status, n = 0;
-  void *master = ecatm_master_open(argv[1], 1, 0.002, 1, atof(argv[2]), 1, atoi(argv[3]), 0, 0, 0,
-                                   "");
-  void *nmt, *sync;
-  (void)argc;
-  Plant_open(&plant, master, 1);
-  nmt = ecatm_can_open(can->slave, 0, 0, 0, 1, 2, ECAT_SESSION_ON_TRIGGER, 0, 0, 0);
-  sync = ecatm_can_open(can->slave, 0x80, 0, 0, 1, 0, ECAT_SESSION_EACH_SAMPLE, 0, 0, 0);
-  printf("open\\n");
-  fflush(stdout);
-  while (scanf("%lf %d", &time, &speed) == 2) {
-    cycle = ecatm_wait(master, time);
-    Plant_read(&plant, time, cycle);
-    ecatm_can_write_frame(nmt, time, cycle, start);
-    ecatm_can_send(nmt, time, cycle, ++n / 100); /* again, until it has come */
-    ecatm_can_write_frame(sync, time, cycle, none);
-    ecatm_can_send(sync, time, cycle, 0);
-    status = can->node5TPDO1Statusword;
-    word = status & 8 ? 0x80 : (status & 0x4F) == 0x40 ? 6 : (status & 0x6F) == 0x21 ? 7 : 15;
-    can->node5RPDO1Controlword = can->node5RPDO2Controlword = word;
-    can->node5RPDO3Controlword = can->node5RPDO4Controlword = word;
-    can->node5RPDO1ModesOfOperation = 3;
-    can->node5RPDO3TargetVelocity = speed;
-    Plant_write(&plant, time, cycle);
-    printf("%d %d %d %d %d\\n", can->valid, can->node5TPDO1Valid, can->node5TPDO3Valid, status,
-           can->node5TPDO3VelocityActualValue);
-    fflush(stdout);
-  }
-  Plant_close(&plant);
-  ecatm_master_close(master);
-  return 0;
-}
-"""
-"""Arguments: bus, lease, whenFailed. Each line of its input has a time and a speed."""
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "can"
+CONFIG = re.sub(r"^bus = .*$", "", (ROOT / "examples/troll/troll-can.toml").read_text(), flags=re.M)
+DRIVE = "CANopen drive 5"
+FAST = 30.0  # rad/s; the reference has 62.8
+LONG, SHORT = 30, 2
+"""Leases in s: one that a busy machine does not end, and one that a test can wait for."""
 
 
-class Model:
-    """The program, one sample after the other."""
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory, compiler: str) -> Callable[[int], Path]:
+    """Builds the program, as its head says, with a lease."""
+    out = tmp_path_factory.mktemp("out")
+    generate = [
+        *(sys.executable, "-m", "ecatd.cli", "generate", "TrollPlant", str(out)),
+        *("--from", "troll-can", "--config", str(ROOT / "examples/troll/troll-can.toml")),
+        *("--can", f"can={EDS}@5"),
+    ]
+    subprocess.run(generate, check=True, stdout=subprocess.DEVNULL)
+    resources = out / "EtherCAT" / "Resources"
+    (archive,) = (resources / "Library").rglob("libecat.a")
 
-    def __init__(self, program: Path, bus: str) -> None:
-        self.process = subprocess.Popen(
-            [str(program), bus, "5.0", str(CONTINUE)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+    def build(lease: int) -> Path:
+        program = out / f"wheel-{lease}"
+        if not program.exists():
+            command = [
+                *(compiler, "-O2", "-Wall", "-Wextra", "-Werror", f"-DLEASE={lease}"),
+                *("-I", resources / "Include", "-I", resources / "Source" / "standalone"),
+                *("-I", out / "TrollPlant" / "Resources" / "Source"),
+                *(EXAMPLE / "wheel_over_can.c", archive, "-lm", "-o", program),
+            ]
+            subprocess.run(command, check=True)
+        return program
+
+    return build
+
+
+class Machine:
+    """A daemon, the simulator beside it, and what the simulator says about the drive."""
+
+    def __init__(self, daemon: Daemon, simulator: Simulator, record: Path) -> None:
+        self.daemon = daemon
+        self.record = record
+        self._simulator = simulator
+
+    @property
+    def drive(self) -> dict[str, Any]:
+        nodes = [node for bus in self._simulator.can() for node in bus["nodes"]]
+        (drive,) = [node["application"] for node in nodes if node["name"] == DRIVE]
+        return drive
+
+    def wait(self, condition: Callable[[dict[str, Any]], bool]) -> None:
+        end = time.monotonic() + PATIENCE
+        while not condition(drive := self.drive):
+            assert time.monotonic() < end, f"{drive}\n{self.daemon.log}"
+            time.sleep(0.02)
+
+    def wait_until_it_stands_still(self) -> None:
+        self.wait(lambda drive: drive["nmt"] == "stopped" and drive["speed"] == 0)
+
+    @contextmanager
+    def turning(self, program: Path) -> Iterator[subprocess.Popen[str]]:
+        """The program, when it turns the drive; it begins anew if a busy machine loses it."""
+        end = time.monotonic() + PATIENCE
+        while True:
+            command = [program, self.daemon.bus, "3600", self.record]
+            process = subprocess.Popen(
+                command, env=self.daemon.env, stderr=subprocess.PIPE, text=True
+            )
+            begin = time.monotonic()
+            while process.poll() is None and time.monotonic() < begin + 30:
+                if self.drive["speed"] > FAST:
+                    try:
+                        yield process
+                    finally:
+                        process.kill()
+                        process.wait()
+                        assert process.stderr
+                        process.stderr.close()
+                    return
+                time.sleep(0.02)
+            process.kill()
+            _, said = process.communicate()
+            assert time.monotonic() < end, f"{said}\n{self.drive}\n{self.daemon.log}"
+
+
+@contextmanager
+def machine(folder: Path, config: str = CONFIG) -> Iterator[Machine]:
+    with simulator_beside("troll-can") as (simulator, interface, enter):
+        daemon = Daemon(
+            *(folder, "", "--interface", interface),
+            config=config,
+            preexec=enter,
+            cycle_time_us=CYCLE_TIME_US,
         )
-        assert self.process.stdout is not None
-        assert self.process.stdout.readline() == "open\n"
-        self._time = 0.0
-
-    def step(self, speed: int) -> tuple[int, ...]:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self._time += 0.002
-        self.process.stdin.write(f"{self._time:.6f} {speed}\n")
-        self.process.stdin.flush()
-        return tuple(map(int, self.process.stdout.readline().split()))
-
-    def until(self, speed: int, condition: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-        deadline = time.monotonic() + 120
-        while not condition(step := self.step(speed)):
-            assert time.monotonic() < deadline, step
-        return step
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.communicate()
+        try:
+            yield Machine(daemon.wait_ready(), simulator, folder / "record.csv")
+        finally:
+            daemon.close()
 
 
-@pytest.fixture
-def machine(
-    start_daemon: Callable[..., Daemon], tmp_path: Path, compiler: str
-) -> tuple[Daemon, Path]:
-    daemon = start_daemon("troll-can", config=CONFIG)
-    daemon.ctl("generate", "Plant", str(tmp_path), "--can", f"axes={EDS}@{NODE}")
-    return daemon, compile_program(compiler, PROGRAM, tmp_path, tmp_path)
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+    with machine(tmp_path_factory.mktemp("machine")) as found:
+        yield found
 
 
-ENABLED = 0x27
-
-
-def is_enabled(step: tuple[int, ...]) -> bool:
-    return bool(step[1]) and step[3] & 0x6F == ENABLED
-
-
-@pytest.mark.parametrize("end", ["kill", "stop"])
-def test_a_model_turns_the_motor_and_its_end_stops_it(
-    machine: tuple[Daemon, Path], end: str
+def test_the_motor_follows_the_reference(
+    shared: Machine, build: Callable[[int], Path], tmp_path: Path
 ) -> None:
-    daemon, program = machine
-    model = Model(program, daemon.bus)
-    others = Others(daemon.bus, SLAVE)
-    try:
-        model.until(0, is_enabled)
-        step = model.until(60_000, lambda step: bool(step[2]) and abs(step[4] - 60_000) < 600)
-        assert step[0]
-        model.process.send_signal(signal.SIGKILL if end == "kill" else signal.SIGSTOP)
-        others.wait(lambda: [f for f in others.frames(0) if f.safe and f.data == b"\2\5"])
-        if end == "stop":
-            model.process.send_signal(signal.SIGCONT)
-            model.until(0, lambda step: is_enabled(step) and abs(step[4]) < 600)
-    finally:
-        others.close()
-        model.close()
+    file = tmp_path / "record.csv"
+    for _ in range(3):  # a busy machine may lose the drive
+        command = [build(LONG), shared.daemon.bus, "2.5", file]
+        result = subprocess.run(
+            command, env=shared.daemon.env, capture_output=True, text=True, check=False
+        )
+        assert result.returncode == 0, result.stderr
+        with file.open(newline="") as lines:
+            rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
+        assert len(rows) == 2501
+        top = [row for row in rows if row["time"] > 2]
+        speeds = sorted(row["w_m"] for row in top)
+        if speeds[len(speeds) // 2] == pytest.approx(top[0]["w_ref"], rel=0.01):
+            break
+    else:
+        pytest.fail(f"{speeds[len(speeds) // 2]} rad/s\n{shared.daemon.log}")
+    assert all(row["w_m"] == row["w_ref"] == 0 for row in rows if row["time"] < 0.9)
+    rising = [row["i_m"] for row in rows if 1.1 < row["time"] < 1.4]
+    steady = [row["i_m"] for row in top]
+    assert sum(rising) / len(rising) > 1.1 * sum(steady) / len(steady) > 0.25
+    assert all(row["age_m"] >= 0 for row in rows)
+    shared.wait_until_it_stands_still()
+
+
+def test_a_program_that_ends_in_order_stops_the_drive(
+    shared: Machine, build: Callable[[int], Path]
+) -> None:
+    with shared.turning(build(LONG)) as program:
+        program.send_signal(signal.SIGINT)
+        assert program.wait() == 130
+        shared.wait_until_it_stands_still()
+
+
+def test_a_program_that_is_killed_stops_the_drive(
+    shared: Machine, build: Callable[[int], Path]
+) -> None:
+    with shared.turning(build(LONG)) as program:
+        program.kill()
+        shared.wait_until_it_stands_still()
+
+
+def test_a_program_that_hangs_stops_the_drive(
+    shared: Machine, build: Callable[[int], Path]
+) -> None:
+    with shared.turning(build(SHORT)) as program:
+        stop_process(program.pid)
+        shared.wait_until_it_stands_still()
+        program.send_signal(signal.SIGCONT)
+        _, said = program.communicate()
+        assert program.returncode == 1
+        names(said, "slave 6", "lease")
+
+
+def test_a_daemon_that_is_stopped_stops_the_drive(
+    build: Callable[[int], Path], tmp_path: Path
+) -> None:
+    with machine(tmp_path) as own, own.turning(build(LONG)):
+        assert own.daemon.stop() == 0
+        own.wait_until_it_stands_still()
+
+
+def test_without_safe_frames_the_drive_turns_on(
+    build: Callable[[int], Path], tmp_path: Path
+) -> None:
+    """What the other tests would see if ecatd sent nothing."""
+    config = re.sub(r"\[\[slave\.can\.safe\]\]\n(?:.+\n)+", "", CONFIG)
+    assert "safe]]" not in config
+    with machine(tmp_path, config) as own, own.turning(build(LONG)) as program:
+        program.kill()
+        program.wait()
+        end = time.monotonic() + PATIENCE
+        while own.daemon.ctl_json("can", "stats", "can")["channels"][0]["senders"]:
+            assert time.monotonic() < end
+        time.sleep(0.5)
+        assert own.drive["nmt"] == "operational"
+        assert own.drive["speed"] > FAST
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_the_demo_goes_through(tmp_path: Path) -> None:
+    result = subprocess.run(
+        [
+            *(sys.executable, EXAMPLE / "demo.py", "--out", tmp_path / "demo"),
+            *("--bus", "tdemocan", "--seconds", "3"),
+        ],
+        env={**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path / "run")},
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert (tmp_path / "demo" / "figure9-can.png").read_bytes().startswith(b"\x89PNG")
+    for words in ("missed", "exchange with the slaves", "age of the measured speed", "p99"):
+        assert words in result.stdout
+    assert not list(SHM.glob("tdemocan*"))
+    assert not list((tmp_path / "run").iterdir())
