@@ -34,9 +34,9 @@ def motor(speed: float, page: int, paged: int, torque: float) -> bytes:
 class Others:
     """Another client on the same channel."""
 
-    def __init__(self, bus: str) -> None:
+    def __init__(self, bus: str, slave: int = SLAVE) -> None:
         self._client = Client(bus)
-        self.channel: CanChannel = self._client.can(SLAVE)
+        self.channel: CanChannel = self._client.can(slave)
         self._seen: list[CanFrame] = []
 
     def send(self, identifier: int, data: bytes) -> None:

@@ -5,11 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from conftest import run_module
 from ecatdev import sample_buses
 from ecatdev.checks import check_translation
 from ecatgen import generate
+from ecatsim.can.nodes.drive import EDS
 
 MODEL = Path(__file__).with_name("CanModels.mo")
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture
@@ -38,3 +41,14 @@ def test_the_check_sees(out: Path, old: str, new: str) -> None:
     assert old in text
     file.write_text(text.replace(old, new, 1))
     assert list(check_translation(out, ["CanModels"])) != []
+
+
+def test_the_example_with_a_canopen_drive_is_translated(tmp_path: Path) -> None:
+    config = ("--config", str(EXAMPLES / "troll" / "troll-can.toml"))
+    found = run_module(
+        *("ecatd.cli", "generate", "TrollPlant", str(tmp_path), "--from", "troll-can", *config),
+        *("--can", f"can={EDS}@5"),
+    )
+    assert found.returncode == 0, found.stderr
+    shutil.copy(EXAMPLES / "can" / "WheelOverCAN.mo", tmp_path)
+    assert list(check_translation(tmp_path, ["WheelOverCAN"])) == []

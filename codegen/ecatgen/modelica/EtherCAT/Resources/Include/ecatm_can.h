@@ -37,6 +37,14 @@ ECATM_FUNCTION void *ecatm_can_open(void *object, int identifier, int extended, 
   return ecatm_keep(message, ecat_session_add_message(&message->on_bus));
 }
 
+/* Chooses before the first sample when a message that the program sends leaves; else a message of a generated block
+ * leaves as its file says. */
+ECATM_FUNCTION void ecatm_can_transmission(void *object, int transmission, double period) {
+  ecatm_message *message = (ecatm_message *)object;
+  message->on_bus.transmission = transmission;
+  message->on_bus.period = period;
+}
+
 ECATM_FUNCTION void ecatm_can_close(void *object) { ecatm_close(object); }
 
 /* Registers a signal of a message. `selector`: start bit, length, whether it is big endian, lowest and highest value
