@@ -124,8 +124,7 @@ static void fill(const ecat_t *bus, ecat_can_frame *frame, const ecat_shm_can_re
 }
 
 static void beat(ecat_t *bus) {
-  if (bus->doorbell != NULL && !ecat_slot_foreign(bus))
-    __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
+  if (bus->doorbell != NULL && !ecat_slot_foreign(bus)) ecat_beat(bus);
 }
 
 int ecat_can_read(ecat_t *bus, int channel, ecat_can_frame *frames, size_t room, uint64_t until_cycle) {

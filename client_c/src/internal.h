@@ -198,6 +198,12 @@ int ecat_check_domain(ecat_t *bus, int number);
 /* claims.c */
 int ecat_check_output(ecat_t *bus, int number);
 
+/* A sign of life. The thread of life.c may give some at the same time. */
+static inline void ecat_beat(ecat_t *bus) {
+  uint32_t *heartbeat = &bus->doorbell->heartbeat;
+  __atomic_store_n(heartbeat, __atomic_load_n(heartbeat, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
+}
+
 /* slot.c */
 int ecat_slot_take(ecat_t *bus);
 void ecat_slot_free(ecat_t *bus);
