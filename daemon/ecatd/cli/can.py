@@ -13,7 +13,7 @@ from ecatd.base.timeouts import Timeout
 
 from .arguments import add_watch, seconds, times
 from .output import print_json_line, table_lines
-from .signals import ended_by_signals, open_client
+from .signals import ended_by_signals, noted_signals, open_client
 from .terminal import check_stdout
 from .watch import present
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {"values": {"can": "Show, send and count frames of CAN buses behind terminals."}}
 
-_ACTIONS = ("dump", "send", "stats")
+_ACTIONS = ("dump", "send", "bridge", "stats")
 _FRAME = re.compile(r"([0-9A-Fa-f]{1,8})#(?:[Rr]([0-8]?)|([0-9A-Fa-f._ ]*))")
 _FILTER = re.compile(r"([0-9A-Fa-f]{1,8})(?:-([0-9A-Fa-f]{1,8}))?")
 _WAIT = 5.0
@@ -40,7 +40,8 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         metavar="ARGUMENT",
         help="[SLAVE] and what follows. For send: frames such as 601#4000100000000000, 18FF0001#01 "
         "(8 digits: 29 bits), 123#R (remote) or 123#R4. For dump: the identifiers that are shown, "
-        "such as 181 or 200-27F. SLAVE: the terminal, by position or name, if there are several",
+        "such as 181 or 200-27F. For bridge: SLAVE and a CAN interface of Linux, such as vcan0. "
+        "SLAVE: the terminal, by position or name, if there are several",
     )
     command.add_argument(
         "-L", "--log", action="store_true", help="for dump: lines of a log file, as `candump -L`"
@@ -64,7 +65,9 @@ def can(options: argparse.Namespace) -> None:
         return
     with ended_by_signals(), open_client(options) as client:
         channel, words = _channel(client, list(options.words))
-        if options.action == "dump":
+        if options.action == "bridge":
+            _bridge(options, channel.info.slave, words)
+        elif options.action == "dump":
             _dump(options, channel, words)
         else:
             _send(options, channel, words)
@@ -275,6 +278,27 @@ def parse_frame(word: str) -> CanFrame:
     extended = len(match[1]) > 3
     length = int(match[2] or 0) if remote else None
     return frame(int(match[1], 16), bytes.fromhex(digits), extended, remote, length)
+
+
+# --- bridge -----------------------------------------------------------------------------------
+
+
+def _bridge(options: argparse.Namespace, slave: int, words: list[str]) -> None:
+    import sys
+
+    from .can_bridge import Bridge, is_virtual, open_interface
+
+    if len(words) != 1:
+        raise UsageError("can bridge takes one CAN interface of Linux, such as vcan0")
+    (name,) = words
+
+    def tell(text: str) -> None:
+        print(f"ecatctl: {text}", file=sys.stderr, flush=True)
+
+    with noted_signals() as is_over, open_interface(name) as there:
+        bridge = Bridge(options.bus, slave, there, name, is_virtual(name), tell)
+        print(f"{options.bus}/{slave} and {name} have each other's frames", flush=True)
+        bridge.run(is_over)
 
 
 # --- stats ------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ecatd.base.errors import UsageError
+from ecatd.base.errors import UnreachableError, UsageError
 from ecatd.shm.contract import CAN_EXTENDED, CAN_ID, CAN_REMOTE, CanKind, CanState
 
 from .connection import Connection
@@ -224,9 +224,15 @@ class CanChannel:
         """
         ranges = [_range(item) for item in reserve]
         array = (CanRangeStruct * len(ranges))(*ranges)
+        try:
+            self._claim(lease, array)
+        except UnreachableError:  # only now is it known, and another daemon may be there already
+            self._claim(lease, array)
+
+    def _claim(self, lease: float, ranges: ctypes.Array[CanRangeStruct]) -> None:
         with self._connection.waiting() as address:
             code = WAITING.ecat_can_claim(
-                address, self._channel, lease, ctypes.addressof(array), len(ranges)
+                address, self._channel, lease, ctypes.addressof(ranges), len(ranges)
             )
         self._connection.check_live(code)
 

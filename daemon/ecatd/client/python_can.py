@@ -29,22 +29,13 @@ from ecatd.shm.contract import CanKind, CanState
 from ecatd.shm.files import buses
 
 from .can import CanChannel, CanFrame, Range, frame, wall_clock
+from .can_errors import error_frame
 from .client import Client
 
 _PAUSE = 0.05
 """Seconds between two looks for a daemon that has gone."""
 _FLUSH = 1.0
 """Seconds that frames have to be sent when the bus is shut down."""
-
-# Error frames as of Linux (linux/can/error.h): bits of the identifier, and of byte 1 of the data.
-_ERR_TX_TIMEOUT, _ERR_CRTL, _ERR_BUSOFF, _ERR_RESTARTED, _ERR_CNT = 0x1, 0x4, 0x40, 0x100, 0x200
-_RX_OVERFLOW, _RX_WARNING, _TX_WARNING, _RX_PASSIVE, _TX_PASSIVE, _ACTIVE = 1, 4, 8, 16, 32, 64
-_CONTROLLER = {
-    CanState.ACTIVE: (_ACTIVE, _ACTIVE),
-    CanState.WARNING: (_TX_WARNING, _RX_WARNING),
-    CanState.PASSIVE: (_TX_PASSIVE, _RX_PASSIVE),
-}
-"""Byte 1 by state, if the counter for sending is the larger one, and if that for receiving is."""
 
 _STATES = {
     CanState.ACTIVE: BusState.ACTIVE,
@@ -100,6 +91,9 @@ class EcatdBus(BusABC):
         self._reserve, self._lease = tuple(reserve), lease
         self._news: deque[CanFrame] = deque()
         self._claimed = False
+        # Each claim gives this bus another number as a sender, and each daemon counts anew. Frames
+        # with an earlier number may still come.
+        self._numbers: set[tuple[int, int]] = set()
         try:
             # Two clients: one thread can wait for frames while another one sends.
             self._reader, self._writer = Client(bus or "ecat0"), Client(bus or "ecat0")
@@ -148,7 +142,7 @@ class EcatdBus(BusABC):
                 raise CanOperationError(str(error)) from error
 
     def _message(self, found: CanFrame) -> Message | None:
-        own = found.sender != 0 and found.sender == self._sender
+        own = (self._reader.instance, found.sender) in self._numbers
         if found.kind in (CanKind.RECEIVED, CanKind.SENT):
             if own and not self._receive_own:
                 return None
@@ -162,32 +156,24 @@ class EcatdBus(BusABC):
                 channel=self._channel,
                 is_rx=not own,
             )
-        if found.kind == CanKind.STATE:
-            return self._error_frame(found, *_of_state(found))
-        if found.kind == CanKind.OVERFLOW:
-            return self._error_frame(found, _ERR_CRTL, bytes([0, _RX_OVERFLOW]))
-        return self._error_frame(found, _ERR_TX_TIMEOUT) if own else None
-
-    def _error_frame(self, found: CanFrame, identifier: int, data: bytes = b"") -> Message:
+        if found.kind == CanKind.UNSENT and not own:
+            return None
+        identifier, data = error_frame(found)
         return Message(
             timestamp=wall_clock(found.time_ns),
             arbitration_id=identifier,
             is_extended_id=False,
             is_error_frame=True,
             dlc=8,
-            data=data.ljust(8, b"\0"),
+            data=data,
             channel=self._channel,
         )
-
-    @property
-    def _sender(self) -> int:
-        return self._number if self._claimed else 0
 
     # --- sending ----------------------------------------------------------------------------------
 
     def _claim(self) -> None:
         self._out.claim(self._lease, self._reserve)
-        self._number = self._out.sender
+        self._numbers.add((self._writer.instance, self._out.sender))
         self._claimed = True
 
     def send(self, msg: Message, timeout: float | None = None) -> None:
@@ -198,11 +184,13 @@ class EcatdBus(BusABC):
             timeout: Seconds to wait for room in the queue; None: as long as the CAN bus works.
 
         Raises:
-            CanOperationError: There is no room, and the CAN controller is bus-off or has stopped;
-                another program has reserved the identifier; or the daemon has ended. If this
-                program had lost its place, the next call gets another.
+            CanOperationError: It is no frame of CAN 2.0; there is no room, and the CAN controller
+                is bus-off or has stopped; another program has reserved the identifier; or the
+                daemon has ended. If this program had lost its place, the next call gets another.
             CanTimeoutError: There was no room in time.
         """
+        if msg.is_error_frame:
+            raise CanOperationError("EtherCAT terminals cannot send error frames")
         if msg.is_fd:
             raise CanOperationError("EtherCAT terminals have no CAN FD: send a frame of CAN 2.0")
         end = None if timeout is None else time.monotonic() + timeout
@@ -288,15 +276,3 @@ class EcatdBus(BusABC):
             except EcatError:
                 continue
         return found
-
-
-def _of_state(found: CanFrame) -> tuple[int, bytes]:
-    """Identifier and data of the error frame about another state of the controller."""
-    state, sending, receiving = found.state
-    counters = bytes([0, 0, 0, 0, sending, receiving])
-    if state in _CONTROLLER:
-        mine = _CONTROLLER[state][0 if sending >= receiving else 1]
-        return _ERR_CRTL | _ERR_CNT, bytes([0, mine]) + counters
-    if state == CanState.BUS_OFF:
-        return _ERR_BUSOFF | _ERR_CNT, bytes(2) + counters
-    return _ERR_RESTARTED, b""

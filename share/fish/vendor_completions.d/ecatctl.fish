@@ -120,7 +120,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using can' -l count -x -d 'for dump, and 
 complete -c ecatctl -n '_shtab_ecatctl_using can' -l for -x -d 'for dump: stop after S seconds'
 complete -c ecatctl -n '_shtab_ecatctl_using can' -l every -x -d 'for send: send again every S seconds'
 complete -c ecatctl -n '_shtab_ecatctl_using can' -l watch -x -d 'repeat every SECONDS (default: 1); stats also counts the last interval'
-complete -c ecatctl -n '_shtab_ecatctl_using can; and test $_shtab_ecatctl_npos -eq 0' -ka "dump send stats" -d 'dump, send, stats'
+complete -c ecatctl -n '_shtab_ecatctl_using can; and test $_shtab_ecatctl_npos -eq 0' -ka "dump send bridge stats" -d 'dump, send, bridge, stats'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a read -d 'Show values of the process image, chosen by name.'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
