@@ -302,7 +302,6 @@ int ecat_release(ecat_t *bus, int position) {
 void ecat_release_all(ecat_t *bus) {
   int i;
   if (bus->map == NULL) return;
-  ecat_can_end(bus);
   ecat_slot_forget(bus);
   bus->lost = LOST_NOTHING;
   for (i = 0; i < ecat_can_count(bus); i++) bus->can_use[i].lost = 0;

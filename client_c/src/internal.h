@@ -151,8 +151,7 @@ void ecat_client_name(ecat_t *bus, int slot, char text[96]);
 /* can.c */
 void ecat_can_want(ecat_t *bus);    /* writes its channels into its slot */
 void ecat_can_begin(ecat_t *bus);   /* a new generation of the slot sends nothing */
-/* Ends sending in order, and waits until the engine knows it: if another client took the slot before, it would
- * look as if this one had died. */
+/* Ends sending on all channels in order. */
 void ecat_can_end(ecat_t *bus);
 void ecat_can_lose(ecat_t *bus);    /* the slot is gone */
 uint64_t ecat_can_lease(const ecat_t *bus); /* longest lease of its channels; 0: it sends on none */

@@ -38,7 +38,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "words",
         nargs="*",
         metavar="ARGUMENT",
-        help="[SLAVE] and what follows. For send: frames such as 601#4000100000000000, 18FF0001#01 "
+        help="[SLAVE] and what follows. For send: frames such as 605#4000100000000000, 18FF0001#01 "
         "(8 digits: 29 bits), 123#R (remote) or 123#R4. For dump: the identifiers that are shown, "
         "such as 181 or 200-27F. For bridge: SLAVE and a CAN interface of Linux, such as vcan0. "
         "SLAVE: the terminal, by position or name, if there are several",
@@ -226,7 +226,7 @@ def _document(frame: CanFrame) -> dict[str, Any]:
 def _send(options: argparse.Namespace, channel: CanChannel, words: list[str]) -> None:
     frames = [parse_frame(word) for word in words]
     if not frames:
-        raise UsageError("no frame to send: write one such as 601#4000100000000000")
+        raise UsageError("no frame to send: write one such as 605#4000100000000000")
     channel.claim()
     while True:
         for frame in frames:
@@ -272,7 +272,7 @@ def parse_frame(word: str) -> CanFrame:
     if match is None or len(digits) % 2:
         raise UsageError(
             f"'{word}' is no CAN frame: write identifier#data in hexadecimal digits, such as "
-            "601#4000100000000000, or identifier#R for a remote frame"
+            "605#4000100000000000, or identifier#R for a remote frame"
         )
     remote = "#R" in word.upper()
     extended = len(match[1]) > 3
@@ -394,7 +394,9 @@ def _channel_lines(item: dict[str, Any]) -> Iterator[str]:
             line = f"  {item[counter.name]} {counter.label}: {counter.meaning}"
             yield alarm(line) if counter.severity == "warning" else line
     if item["safe_active"]:
-        yield alarm(f"  {item['safe_active']} safe frames are being sent: a sender has ended")
+        number = item["safe_active"]
+        what = "safe frame is" if number == 1 else "safe frames are"
+        yield alarm(f"  {number} {what} being sent: a sender has ended")
     if item["senders"]:
         table = table_lines(
             ("SENDER", "PID", "WAITING", "SENT", "REFUSED", "LOST", "RESERVED"),
