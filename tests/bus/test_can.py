@@ -517,6 +517,22 @@ def test_safe_frames_are_sent_before_the_daemon_ends(
         assert daemon.process.wait(PATIENCE) == 0
 
 
+def test_no_frame_goes_to_a_daemon_that_has_ended(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    daemon = start_daemon(str(rig), config=CONFIG)
+    with channel(daemon, LEFT) as left:
+        left.can.claim()
+        left.can.send(0x100)
+        left.can.flush(PATIENCE)
+        daemon.kill_all()
+        with pytest.raises(UnreachableError) as error:
+            while True:  # BusyError would mean that its queue got full
+                left.can.send(0x100)
+                time.sleep(0.002)
+        names(error.value, "has ended")
+
+
 # --- terminals that fail ----------------------------------------------------------------------
 
 
