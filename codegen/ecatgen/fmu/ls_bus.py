@@ -21,7 +21,7 @@ from .render import render
 
 MOST_ECUS = 16
 _FMI = 3  # the first version with clocks
-_ANY_BUS = Code("0" * 16)
+_ANY_BUS = Code("0000000000000000")
 
 
 @dataclass(frozen=True, slots=True)

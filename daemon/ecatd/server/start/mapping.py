@@ -42,6 +42,8 @@ FMMU = 0x0600
 _FMMU_COUNT = 0x0004
 _FMMUS_MAX = 16
 _FMMU_READ, _FMMU_WRITE = 1, 2
+_RAM = 0x1000
+"""First byte of the process data memory of an ESC; registers are below it."""
 _MODE, _BUFFERED = 0x03, 0x00
 """Bits of the control register of a sync manager with its mode (ESC data sheet, section II)."""
 
@@ -256,12 +258,16 @@ def _check_memory(slave: Slave, managers: list[tuple[int, bytes]]) -> None:
     areas = []
     for register, content in managers:
         start, length, control = struct.unpack_from("<HHB", content)
+        if start < _RAM:
+            continue  # outputs of a digital I/O ESC are registers, and have no buffers
         buffers = 3 if control & _MODE == _BUFFERED else 1
         areas.append((start, start + buffers * length, (register - SYNC_MANAGER) // 8, buffers))
     areas.sort()
     for (start, end, one, buffers), (begin, _, other, _) in itertools.pairwise(areas):
-        if begin < end:
-            size = (end - start) // buffers
+        size = (end - start) // buffers
+        if (
+            start + size <= begin < end
+        ):  # else the EEPROM was told to be wrong, and the slave refuses
             raise StateError(
                 f"{slave.label}: {buffers} x {size} bytes of sync manager {one} from 0x{start:04X} "
                 f"on reach into sync manager {other} at 0x{begin:04X}, so its process data would "
