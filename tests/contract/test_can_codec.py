@@ -100,7 +100,7 @@ def judge(signal: Signal) -> Message:
 
 
 def same(one: float, other: float) -> bool:
-    """Whether two numbers are the same, but for the last bit: cantools adds whole numbers exactly."""
+    """Whether two numbers are the same but for the last bit, as cantools adds integers exactly."""
     return math.isclose(one, other, rel_tol=2.3e-16) or (math.isnan(one) and math.isnan(other))
 
 
