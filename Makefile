@@ -14,12 +14,14 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo web pictures screens screenshots test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
+.PHONY: help demo demo-can web pictures screens screenshots test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the experiment of the paper on the simulated rig, without root or hardware"
 	@echo "             (BUS=name: where an ecatd already serves the bus ecat0)"
+	@echo "make demo-can"
+	@echo "             the same with a CANopen drive behind a CAN terminal"
 	@echo "make test    run the tests that take some minutes; test-all: all of them"
 	@echo "             (TRIES=1: a test that fails is not run once more)"
 	@echo "make test-system"
@@ -45,7 +47,7 @@ help:
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
 	@echo "make screenshots"
 	@echo "             take pictures of the live view, in chromium, into docs/pictures"
-	@echo "make screens draw screens of commands and the figure of the demo into docs/pictures"
+	@echo "make screens draw screens of commands and the figures of the demos into docs/pictures"
 	@echo "make clean   remove what the other commands made"
 
 $(BIN)/python:
@@ -69,6 +71,10 @@ $(VENV)/.demo: $(BIN)/python $(SOURCES)
 	$(call install,demo)
 	@touch $@
 
+$(VENV)/.demo-can: $(BIN)/python $(SOURCES)
+	$(call install,demo$(comma)can)
+	@touch $@ $(VENV)/.demo
+
 $(PAGE): $(PAGE_SOURCES)
 	@echo "Building the page of ecatctl web ..."
 	@cd web && npm ci --silent --no-audit --no-fund && npm run --silent build
@@ -79,7 +85,7 @@ $(VENV)/.test: $(BIN)/python $(SOURCES) $(PAGE_SOURCES)
 	@[ -z "$(PAGE_IF_POSSIBLE)" ] || $(MAKE) --no-print-directory web || \
 	  echo "The page of ecatctl web could not be built; all else works."
 	$(call install,demo$(comma)test$(comma)check)
-	@touch $@ $(VENV)/.demo
+	@touch $@ $(VENV)/.demo $(VENV)/.demo-can
 
 $(VENV)/.bench: $(BIN)/python $(SOURCES)
 	$(call install,bench)
@@ -88,15 +94,19 @@ $(VENV)/.bench: $(BIN)/python $(SOURCES)
 demo: $(VENV)/.demo
 	@$(BIN)/python examples/figure9/demo.py --out demo --bus "$(BUS)"
 
+demo-can: $(VENV)/.demo-can
+	@$(BIN)/python examples/can/demo.py --out demo/can --bus "$(BUS)"
+
 # From the sources as they are: nothing needs to be built for it, but a parser of Modelica be installed.
 pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.test),,$(VENV)/.test))
 	@PYTHONPATH=daemon:codegen:tools $(BIN)/python -m ecatdev.drawing docs/pictures
 
-# What the README shows: screens of commands, the topology, and the figure of the demo.
+# What the README shows: screens of commands, the topology, and the figures of the demos.
 screens: $(VENV)/.test
 	@PYTHONPATH=tools $(BIN)/python -m ecatdev.screens docs/pictures
 	@$(BIN)/python examples/figure9/demo.py --out build/demo --bus "$(BUS)"
-	@cp build/demo/figure9.png docs/pictures/figure9.png
+	@$(BIN)/python examples/can/demo.py --out build/demo/can --bus "$(BUS)"
+	@cp build/demo/figure9.png build/demo/can/figure9-can.png docs/pictures
 
 # The live view as it looks on the simulated bus; it needs chromium, and the page.
 screenshots: $(VENV)/.test

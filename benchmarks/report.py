@@ -21,7 +21,7 @@ from .target import Target
 
 SECTIONS = (
     *("engine", "cores", "settings", "scale", "recovery", "deaths"),
-    *("requests", "files", "live_view", "scope", "client", "modelica", "simulator"),
+    *("can", "requests", "files", "live_view", "scope", "client", "modelica", "simulator"),
 )
 """Names of the benchmarks, in the order of the page."""
 

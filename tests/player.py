@@ -51,7 +51,14 @@ class Player:
         said: Status and text of each message.
     """
 
-    def __init__(self, model: Model, token: str | None = None, folder: Path | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        token: str | None = None,
+        folder: Path | None = None,
+        *,
+        event_mode: bool = False,
+    ) -> None:
         self.model = model
         self.said: list[tuple[int, str]] = []
         self.time = 0.0
@@ -69,7 +76,7 @@ class Player:
             fmpy.logging.addLoggerProxy(ctypes.byref(self._callbacks))
             self.fmu.instantiate(callbacks=self._callbacks, loggingOn=True)
         else:
-            self.fmu.instantiate(logMessage=self._hear3, loggingOn=True)
+            self.fmu.instantiate(logMessage=self._hear3, loggingOn=True, eventModeUsed=event_mode)
         self.alive = True
 
     def _hear2(self, _env: Any, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
@@ -100,9 +107,11 @@ class Player:
         function, reference = self._call("set", name)
         function([reference], [value])
 
-    def step(self, length: float = STEP) -> None:
-        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=length)
+    def step(self, length: float = STEP) -> bool:
+        """Makes a step, and returns whether there is an event after it (FMI 3.0)."""
+        done = self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=length)
         self.time += length
+        return self.model.fmi == 3 and bool(done[0])
 
     def steps(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP)):

@@ -124,8 +124,7 @@ static void fill(const ecat_t *bus, ecat_can_frame *frame, const ecat_shm_can_re
 }
 
 static void beat(ecat_t *bus) {
-  if (bus->doorbell != NULL && !ecat_slot_foreign(bus))
-    __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
+  if (bus->doorbell != NULL && !ecat_slot_foreign(bus)) ecat_beat(bus);
 }
 
 int ecat_can_read(ecat_t *bus, int channel, ecat_can_frame *frames, size_t room, uint64_t until_cycle) {
@@ -275,12 +274,16 @@ static int reserved_by(const ecat_t *bus, int channel, const ecat_can_range *ran
 }
 
 static int refuse_reserved(ecat_t *bus, int channel, const ecat_can_range *range, int slot) {
+  const ecat_shm_can_sender *other = &bus->can_senders[(size_t)slot * bus->header->can_count + (size_t)channel];
+  uint32_t id = range->first, i;
   char name[96];
+  for (i = 0; i < other->range_count && i < ECAT_CAN_RANGES; i++)
+    if (overlap(range, &other->ranges[i]) && other->ranges[i].first > id) id = other->ranges[i].first;
   ecat_client_name(bus, slot, name);
   return ecat_fail(bus, ECAT_EOWNED,
                    "identifier 0x%X of the CAN channel of slave %d (%s) is reserved by %s: end it first, or use "
                    "another identifier",
-                   (unsigned)(range->first & ~(ECAT_CAN_EXTENDED | ECAT_CAN_REMOTE)), bus->can[channel].slave,
+                   (unsigned)(id & ~(ECAT_CAN_EXTENDED | ECAT_CAN_REMOTE)), bus->can[channel].slave,
                    name_of(bus, channel), name[0] != '\0' ? name : "another client");
 }
 
@@ -362,11 +365,13 @@ void ecat_can_end(ecat_t *bus) {
 static int check_sender(ecat_t *bus, int channel) {
   int code = ecat_memory_return(bus);
   if (code != 0 || (code = check_channel(bus, channel)) != 0 || (code = ecat_slot_check_home(bus)) != 0) return code;
+  if (ecat_memory_age(bus) == ECAT_EDOWN) return ECAT_EDOWN; /* its frames would be lost */
   if (bus->can_use[channel].lost || (bus->can_use[channel].sends && ecat_slot_lapsed(bus)))
     return ecat_fail(bus, ECAT_ELEASE,
-                     "this client no longer sends on the CAN channel of slave %d (%s): it gave no sign of life for "
-                     "its lease, or the daemon has ended; claim the channel again",
-                     bus->can[channel].slave, name_of(bus, channel));
+                     "%s no longer sends on the CAN channel of slave %d (%s): it gave no sign of life for its lease, "
+                     "or the daemon has ended%s", bus->program != NULL ? bus->program : "this client",
+                     bus->can[channel].slave, name_of(bus, channel),
+                     bus->program != NULL ? "" : "; claim the channel again");
   if (bus->can_use[channel].sends) return 0;
   return ecat_fail(bus, ECAT_ECLAIM, "the CAN channel of slave %d (%s) must be claimed before frames are sent",
                    bus->can[channel].slave, name_of(bus, channel));
@@ -410,6 +415,8 @@ int ecat_can_send(ecat_t *bus, int channel, const ecat_can_frame *frames, size_t
   use = &bus->can_use[channel];
   beat(bus);
   sender = sender_of(bus, channel);
+  if (sender == NULL && __atomic_load_n(&bus->header->state, __ATOMIC_RELAXED) == ECAT_BUS_STOPPING)
+    return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   if (sender == NULL) return ecat_fail(bus, ECAT_ELEASE, "the slot of this client was taken; claim the channel again");
   room = ECAT_CAN_QUEUE - (use->written - __atomic_load_n(&sender->taken, __ATOMIC_ACQUIRE));
   if (room > ECAT_CAN_QUEUE || (room == 0 && count > 0)) return full(bus, channel);

@@ -11,13 +11,13 @@ static int ring_claims(ecat_t *bus) {
   const ecat_shm_slot_status *status = &bus->slot_status[bus->slot];
   uint32_t seq = bus->doorbell->claim_seq + 1;
   uint64_t start = ecat_now(), patience = 500000000u + 100 * bus->header->cycle_time_ns;
-  bus->doorbell->heartbeat++;
+  ecat_beat(bus);
   __atomic_store_n(&bus->doorbell->claim_seq, seq, __ATOMIC_RELEASE);
   while (!(__atomic_load_n(&status->generation, __ATOMIC_ACQUIRE) == bus->generation &&
            __atomic_load_n(&status->claim_ack, __ATOMIC_ACQUIRE) == seq)) {
     int code = ecat_wait_until(bus, &bus->header->cycle, ecat_cycle(bus) + 1, ECAT_WAKE_CYCLE, 0.1);
     if (code == ECAT_EDOWN || code == ECAT_ESTALE) return code;
-    bus->doorbell->heartbeat++;
+    ecat_beat(bus);
     if (ecat_now() - start > patience)
       return ecat_fail(bus, ECAT_ESTALE, "the daemon of bus '%s' does not answer a claim",
                        bus->name);
@@ -302,7 +302,6 @@ int ecat_release(ecat_t *bus, int position) {
 void ecat_release_all(ecat_t *bus) {
   int i;
   if (bus->map == NULL) return;
-  ecat_can_end(bus);
   ecat_slot_forget(bus);
   bus->lost = LOST_NOTHING;
   for (i = 0; i < ecat_can_count(bus); i++) bus->can_use[i].lost = 0;

@@ -50,7 +50,6 @@ int ecat_open(ecat_t **result, const char *name) {
 
 void ecat_close(ecat_t *bus) {
   if (bus == NULL) return;
-  ecat_can_end(bus);
   ecat_slot_free(bus);
   ecat_memory_close(bus);
   ecat_images_free(bus);

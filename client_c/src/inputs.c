@@ -29,7 +29,7 @@ static int sample(ecat_t *bus, int first, int end) {
   if (bus->sample_cycle < newest) bus->sample_cycle = newest;
   if (bus->waited_cycle < newest) bus->waited_cycle = newest;
   if (bus->doorbell != NULL && !ecat_slot_foreign(bus))
-    __atomic_store_n(&bus->doorbell->heartbeat, bus->doorbell->heartbeat + 1, __ATOMIC_RELAXED);
+    ecat_beat(bus);
   if ((age = ecat_memory_age(bus)) == 0) return code;
   for (i = first; i < end; i++) bus->snapshot[i].fresh = 0;
   return age;

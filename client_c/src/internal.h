@@ -151,8 +151,7 @@ void ecat_client_name(ecat_t *bus, int slot, char text[96]);
 /* can.c */
 void ecat_can_want(ecat_t *bus);    /* writes its channels into its slot */
 void ecat_can_begin(ecat_t *bus);   /* a new generation of the slot sends nothing */
-/* Ends sending in order, and waits until the engine knows it: if another client took the slot before, it would
- * look as if this one had died. */
+/* Ends sending on all channels in order. */
 void ecat_can_end(ecat_t *bus);
 void ecat_can_lose(ecat_t *bus);    /* the slot is gone */
 uint64_t ecat_can_lease(const ecat_t *bus); /* longest lease of its channels; 0: it sends on none */
@@ -197,6 +196,12 @@ int ecat_check_domain(ecat_t *bus, int number);
 
 /* claims.c */
 int ecat_check_output(ecat_t *bus, int number);
+
+/* A sign of life. The thread of life.c may give some at the same time. */
+static inline void ecat_beat(ecat_t *bus) {
+  uint32_t *heartbeat = &bus->doorbell->heartbeat;
+  __atomic_store_n(heartbeat, __atomic_load_n(heartbeat, __ATOMIC_RELAXED) + 1, __ATOMIC_RELAXED);
+}
 
 /* slot.c */
 int ecat_slot_take(ecat_t *bus);

@@ -151,7 +151,7 @@ int ecat_commit(ecat_t *bus) {
   if ((code = ecat_slot_check_home(bus)) != 0) return code;
   if (ecat_slot_lapsed(bus)) return lapsed(bus);
   if (bus->lost) return claims_lost(bus);
-  bus->doorbell->heartbeat++;
+  ecat_beat(bus);
   if (bus->bytes == 0) return 0;
   give_way(bus);
   now = ecat_now();

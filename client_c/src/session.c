@@ -44,6 +44,9 @@ static int another(const ecat_session_slave *slave, const char *here, const char
   ecat_session *session = slave->session;
   const char *name = ecat_name(session->bus);
   int usual = strcmp(name, "ecat0") == 0; /* the bus that ecatctl takes without --bus */
+  if (slave->vendor == 0) /* written by hand for any slave */
+    return ecat_session_fail(session, ECAT_EBUS, "%s%s; correct the name or the position of the slave",
+                             session_heading(slave), here);
   return ecat_session_fail(session, ECAT_EBUS, "%s%s, but %s %s; regenerate it with: %s%s%s",
                            session_heading(slave), here, session->settings.product, expected,
                            slave->command, usual ? "" : " --bus ", usual ? "" : name);
@@ -85,8 +88,8 @@ static int find_slave(ecat_session_slave *slave) {
   int code = locate(slave);
   if (code != 0) return code;
   if (ecat_slave(bus, slave->position, &found) < 0) return ecat_session_client(session, ECAT_EBUS);
-  if (found.vendor != slave->vendor || found.product != slave->product ||
-      (slave->revision != 0 && found.revision != slave->revision)) {
+  if (slave->vendor != 0 && (found.vendor != slave->vendor || found.product != slave->product ||
+                             (slave->revision != 0 && found.revision != slave->revision))) {
     identity(here, sizeof here, found.name, found.vendor, found.product, found.revision);
     snprintf(text, sizeof text, "slave %d of bus '%s' is %s", slave->position, ecat_name(bus), here);
     strcpy(expected, "was generated for ");
@@ -98,7 +101,7 @@ static int find_slave(ecat_session_slave *slave) {
   slave->same_bus = strcmp(text, slave->fingerprint) == 0;
   slave->claimed = 0;
   slave->domain = found.domain;
-  return 0;
+  return slave->has_can ? session_can_find(slave) : 0;
 }
 
 /* A number with the fewest digits, at least 6, that strtod() reads back as the same number. */
@@ -198,6 +201,7 @@ static int resolve(ecat_session *session) {
     for (entry = slave->entries; entry != NULL && code == 0; entry = entry->next)
       code = find_entry(entry);
   }
+  if (code == 0) code = session_can_resolve(session);
   if (code == 0 && session->settings.check != NULL)
     code = session->settings.check(session->settings.context);
   if (code != 0) return code;
@@ -250,12 +254,14 @@ void ecat_session_init(ecat_session *session, const ecat_session_settings *setti
 
 void ecat_session_end(ecat_session *session) {
   ecat_session_slave *slave;
+  if (session->bus != NULL) ecat_can_end(session->bus);
   disconnect(session);
   session_observe_nothing(session);
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = slave->told = 0;
   session->attached = session->outage = session->paced = session->in_step = 0;
   session->missed = session->lost_ns = session->exchanged_ns = 0;
   session->age = ECAT_AGE_NEVER;
+  session_can_forget(session);
 }
 
 /* --- failures ------------------------------------------------------------------------------- */

@@ -21,9 +21,16 @@ static int writes(const ecat_session *session, int position) {
   return slave != NULL;
 }
 
-static void forget_claims(ecat_session *session) {
+static int owns_outputs(const ecat_session *session) {
+  const ecat_session_slave *slave = session->slaves;
+  while (slave != NULL && !slave->writes) slave = slave->next;
+  return slave != NULL;
+}
+
+void session_forget_claims(ecat_session *session) {
   ecat_session_slave *slave;
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
+  session->can_claimed = 0;
 }
 
 /* Sets the error text of a refused claim: it names the slave of the session, and a remedy. */
@@ -114,25 +121,26 @@ static int stage(ecat_session_slave *slave) {
   return code;
 }
 
-/* Claims lost outputs again and commits all values, at most every RECLAIM_NS. */
+/* Claims lost outputs again and commits all values, at most every RECLAIM_NS. CAN channels are claimed by the next
+ * message. */
 static int reclaim(ecat_session *session) {
   uint64_t before = session->lost_ns;
   ecat_session_slave *slave;
-  int code;
-  forget_claims(session);
+  int code = 0;
+  session_forget_claims(session);
   if (ecat_now() - before < RECLAIM_NS) return ECAT_ELEASE;
-  if ((code = claim(session)) != 0) return code;
+  if (owns_outputs(session) && (code = claim(session)) != 0) return code;
   session->lost_ns = ecat_now();
   if (session->lost_ns - before > QUIET_NS)
-    session_tell(session, 1, "%s; %s has claimed them again", session->problem,
-                 session->settings.program);
+    session_tell(session, 1, "%s; %s %s", session->problem, session->settings.program,
+                 owns_outputs(session) ? "has claimed them again" : "sends again");
+  if (!owns_outputs(session)) return 0;
   for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
     if (slave->writes) code = stage(slave);
   return code != 0 ? code : ecat_session_client(session, ecat_commit(session->bus));
 }
 
-/* Handles a failure of stage() or of a commit. */
-static int not_written(ecat_session *session, int code) {
+int session_not_written(ecat_session *session, int code) {
   int lost = code == ECAT_ELEASE && session->settings.when_failed != ECAT_FAILURE_ERROR;
   if (lost) code = reclaim(session);
   if (code == 0 || (lost && code == ECAT_ELEASE)) return 0;              /* tried again later */
@@ -150,14 +158,14 @@ int ecat_session_stage(ecat_session_slave *slave) {
   slave->writes = 1;
   if (session->bus == NULL || session->outage != 0) return 0;
   code = stage(slave);
-  return code != 0 ? not_written(session, code) : 0;
+  return code != 0 ? session_not_written(session, code) : 0;
 }
 
 int ecat_session_commit(ecat_session *session) {
   int code;
   if (session->settings.read_only || session->bus == NULL || session->outage != 0) return 0;
   code = ecat_session_client(session, ecat_commit(session->bus));
-  return code != 0 ? not_written(session, code) : 0;
+  return code != 0 ? session_not_written(session, code) : 0;
 }
 
 /* --- waiting -------------------------------------------------------------------------------- */
@@ -219,6 +227,7 @@ static int observe_domains(ecat_session *session, uint32_t *complete) {
     session->exchanged_ns = info.time_ns;
   }
   session->cycle = (int)(newest & 0x7FFFFFFF);
+  session->exchanged_cycle = newest;
   return 0;
 }
 
@@ -234,12 +243,20 @@ static int al_state(unsigned al_status) {
   }
 }
 
+/* Whether an earlier slave of the session is the same one, so that it is reported once. */
+static int is_told_elsewhere(const ecat_session_slave *slave) {
+  const ecat_session_slave *other = slave->session->slaves;
+  while (other != slave && other->position != slave->position) other = other->next;
+  return slave->vendor == 0 && other != slave;
+}
+
 /* Reports, once, that a slave is not in OP. A single lost frame is not reported here: `valid` shows
  * it. */
 static int tell_state(ecat_session_slave *slave, int optional) {
   static const char *const names[] = {"", "", "INIT", "PREOP", "BOOT", "SAFEOP", "OP"};
   ecat_session *session = slave->session;
   char text[300], where[80], reason[60] = "";
+  if (is_told_elsewhere(slave)) return 0;
   if ((slave->al_state == ECAT_SESSION_OP) != slave->told) return 0;
   slave->told = !slave->told;
   snprintf(text, sizeof text, "%sslave %d (%s) of bus '%s'", session_heading(slave), slave->position,
@@ -296,7 +313,7 @@ static int observe(ecat_session *session) {
     if (slave->missed) session->state = ECAT_SESSION_NOT_OPERATIONAL;
   }
   if (complete != all) session->state = ECAT_SESSION_INCOMPLETE;
-  return code;
+  return code == 0 ? session_can_observe(session) : code;
 }
 
 void session_observe_nothing(ecat_session *session) {
@@ -309,11 +326,15 @@ void session_observe_nothing(ecat_session *session) {
     slave->valid = slave->al_code = 0;
     slave->al_state = ECAT_SESSION_NOT_AVAILABLE;
   }
+  session_can_observe_nothing(session);
 }
 
 int ecat_session_sample(ecat_session *session) {
-  int code = session_refresh(session);
+  int code = session_can_settle(session);
   uint64_t now;
+  if (code != 0) return code;
+  session->samples++;
+  code = session_refresh(session);
   if (code == 0)
     session_end_outage(session);
   else if ((code = session_endure(session, code)) != 0)

@@ -142,7 +142,7 @@ void ecat_slot_begin(ecat_t *bus) {
   bus->doorbell->life = ecat_life_word(bus);
   /* The counters in the doorbell continue where the last client of the slot left them: a repeated number
    * could be taken for the earlier one (tests/proof/claim.pml, request.pml). */
-  bus->doorbell->heartbeat++;
+  ecat_beat(bus);
   __atomic_store_n(&bus->doorbell->generation, bus->generation, __ATOMIC_RELEASE);
 }
 

@@ -8,6 +8,8 @@ bus description -> build -> ir -> render (templates) -> output (files)
 - `names`, `words`: Modelica identifiers from the names of slaves, PDOs and entries
 - `connectors`, `blocks`: a connector for each entry and a block for each slave; `drives`,
   `drive_units`: blocks in SI units around those of drives; `channels`: blocks with vectors
+- `can`: messages of CAN buses behind terminals, from DBC and EDS files; `can_blocks`: their signals
+  as connectors
 - `placement`, `labels`, `symbols`, `font`: the layout of icons and diagrams; `examples`, `diagram`:
   example models
 - `build`: puts all parts together in the `ir`, from which templates write files (`render`), which

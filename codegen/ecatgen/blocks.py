@@ -9,7 +9,8 @@ from ecatd.description.bus import Slave, display_name
 from ecatd.etg.datatypes import type_name
 from ecatd.etg.pdo import Entry, Pdo
 
-from . import names, placement
+from . import can_blocks, names, placement
+from .can.messages import CanFile
 from .connectors import address_code, connectors, is_drawn
 from .ir import Block, Skipped
 from .labels import label
@@ -35,13 +36,21 @@ _RESERVED = (
 )
 
 
-def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
+def build_blocks(
+    slaves: Iterable[Slave], library: str, can: Iterable[CanFile] = ()
+) -> tuple[Block, ...]:
     """Builds the blocks of all slaves, in their order on the bus.
 
     A class has the name that the configuration gives its slave, else that of the type of the slave.
     Slaves of one type are numbered from the second one on, so that adding slaves of other types
     does not change the names.
+
+    Args:
+        slaves: The slaves.
+        library: Name of the library.
+        can: The messages of CAN buses behind slaves.
     """
+    files = list(can)
     namespace = names.Namespace(
         {*names.FOREIGN_LIBRARIES, *names.FILES, *_PACKAGES, library},
         suffix="Slave",
@@ -52,7 +61,8 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
         text = slave.given_name or slave.name
         name = namespace.take(names.class_name(text, f"Slave{slave.product:08X}"))
         instance = instances.take(names.instance_name(name))
-        blocks.append(_block(slave, name, instance))
+        behind = [file for file in files if file.position == slave.position]
+        blocks.append(_block(slave, name, instance, behind))
     return tuple(blocks)
 
 
@@ -82,10 +92,10 @@ def _letters(name: str) -> str:
     return re.sub("[-_]", "", name).casefold()
 
 
-def _block(slave: Slave, name: Code, instance: Code) -> Block:
+def _block(slave: Slave, name: Code, instance: Code, files: Sequence[CanFile]) -> Block:
     skipped: list[Skipped] = []
-    writes = list(_usable(slave, skipped, outputs=True))
-    reads = list(_usable(slave, skipped, outputs=False))
+    writes = [] if files else list(_usable(slave, skipped, outputs=True))
+    reads = [] if files else list(_usable(slave, skipped, outputs=False))
     connector_names = names.connector_names(
         [
             (pdo.name, entry.name, f"object {entry.index:04X} {entry.subindex:02X}")
@@ -93,18 +103,31 @@ def _block(slave: Slave, name: Code, instance: Code) -> Block:
         ],
         _RESERVED,
     )
+    messages = can_blocks.plan(files, _RESERVED)
     title = f"{label(name)}, slave {slave.position}"
     output_labels = [label(n) for n in connector_names[: len(writes)]]
     input_labels = [
         label(n) if is_drawn(entry, outputs=False) else ""
         for n, (_, entry) in zip(connector_names[len(writes) :], reads, strict=True)
     ]
-    icon = placement.icon(title, output_labels, filter(None, input_labels))
+    can_labels = {
+        sent: {name: label(name) for *_, name in messages.of(sent=sent)} for sent in (True, False)
+    }
+    icon = placement.icon(
+        title,
+        [*output_labels, *can_labels[True].values()],
+        [*filter(None, input_labels), *can_labels[False].values()],
+    )
     outputs = connectors(writes, connector_names[: len(writes)], output_labels, icon, outputs=True)
     inputs = connectors(reads, connector_names[len(writes) :], input_labels, icon, outputs=False)
-    right = tuple(c for c in inputs if c.placement)
+    can = can_blocks.build(messages, can_labels[True] | can_labels[False], icon)
+    sent, received = can.signals(sent=True), can.signals(sent=False)
+    left = (*outputs, *sent)
+    right = (*(c for c in inputs if c.placement), *received)
     slave_label = display_name(slave.given_name, slave.name or f"product 0x{slave.product:08X}")
-    kind = slave_kind(slave, {c.kind for c in outputs}, {c.kind for c in right})
+    kind = slave_kind(slave, {c.kind for c in left}, {c.kind for c in right})
+    if can.messages:
+        kind = "CAN terminal"
     return Block(
         name=name,
         instance=instance,
@@ -122,10 +145,11 @@ def _block(slave: Slave, name: Code, instance: Code) -> Block:
         reads=inputs,
         writes=outputs,
         skipped=tuple(skipped),
-        left=outputs,
+        can=can,
+        left=left,
         right=right,
         variables=tuple(c for c in inputs if not c.placement),
-        explained=tuple(c for c in outputs + inputs if c.note or c.values),
+        explained=tuple(c for c in (*outputs, *inputs, *sent, *received) if c.note or c.values),
         icon=icon,
         symbol=symbol(kind, placement.symbol_corner(icon)),
         name_extent=placement.above(icon),

@@ -31,6 +31,8 @@ def build_channels(blocks: Iterable[Block]) -> tuple[Channels, ...]:
 
 
 def _channels(block: Block) -> Channels | None:
+    if block.can.messages:  # its parameters would be out of reach
+        return None
     sides = [list(_groups(connectors)) for connectors in (block.left, block.right)]
     if all(len(group) == 1 for groups in sides for group in groups):
         return None

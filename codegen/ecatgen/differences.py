@@ -204,6 +204,11 @@ def _of_block(old: Block, new: Block) -> Iterator[Difference]:
     if old.revision != new.revision:
         before, after = f"0x{old.revision:08X}", f"0x{new.revision:08X}"
         yield difference("changed", f"revision was {before}, is {after}", before, after)
+    was, now = _messages(old), _messages(new)
+    for what in was:
+        if what in now and was[what] != now[what]:
+            text = f"{what}: was {was[what]}, is {now[what]}"
+            yield difference("changed", text, was[what], now[what])
     ours, theirs = _connectors(old), _connectors(new)
     for place in [*ours, *(place for place in theirs if place not in ours)]:
         direction, address = place
@@ -225,7 +230,29 @@ def _of_block(old: Block, new: Block) -> Iterator[Difference]:
 
 def _connectors(block: Block) -> dict[tuple[str, str], Connector]:
     found = {("output", str(item.address)): item for item in block.writes}
-    return found | {("input", str(item.address)): item for item in block.reads}
+    found |= {("input", str(item.address)): item for item in block.reads}
+    for message in block.can.messages:
+        what = "sent in" if message.sent else "received in"
+        for signal in message.signals:
+            c = signal.connector
+            found[what, f"{c.address} {message.title}, {c.entry_name}"] = c
+    return found
+
+
+def _messages(block: Block) -> dict[str, str]:
+    """How messages and their signals lie on the CAN bus behind a terminal."""
+    found = {}
+    for message in block.can.messages:
+        what = f"message {message.title}"
+        found[what] = (
+            f"{message.length} bytes, {message.transmission}, period {message.period:g} s, timeout "
+            f"{message.timeout:g} s"
+        )
+        for signal in message.signals:
+            found[f"{what}, signal {signal.connector.entry_name}"] = (
+                f"{signal.meaning}, {signal.minimum:g} to {signal.maximum:g}"
+            )
+    return found
 
 
 def _aspects(old: Connector, new: Connector) -> Iterator[tuple[str, str, str]]:

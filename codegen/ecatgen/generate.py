@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from ecatd.description.bus import Bus
 
-from . import static_library
+from . import can, names, static_library
 from .build import build_library
 from .differences import compare
 from .ir import Library
@@ -20,6 +20,9 @@ from .render import render
 _ORIGIN = "Resources/bus.json"
 """The file in the library that holds the bus it was made from."""
 
+_CAN = f"Resources/{can.FILE}"
+"""The file with the messages of CAN buses; only there if it has some."""
+
 
 def generate(
     bus: Bus,
@@ -27,6 +30,7 @@ def generate(
     out: Path,
     templates: Iterable[Path] = (),
     *,
+    messages: Sequence[can.CanFile] | None = None,
     check: bool = False,
     force: bool = False,
 ) -> Report:
@@ -40,6 +44,7 @@ def generate(
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
         templates: Folders with templates of the user; an earlier folder takes precedence.
+        messages: The messages of CAN buses behind slaves; None: those of the library before.
         check: Write nothing, only report what would change.
         force: Replace generated files that the user has changed, and keep these under another name.
             Without it they are an error.
@@ -47,23 +52,28 @@ def generate(
     Raises:
         ConfigError: A template is wrong.
         UsageError: `name` cannot be the name of a Modelica library.
-        StateError: Files of the user are in the places of generated ones.
+        StateError: Files of the user are in the places of generated ones; or a terminal with the
+            CAN messages of the library before is gone.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
     generator = _Generator(name, templates)
     made_from = essence(bus)
-    library = generator.library(made_from)
-    files = generator.files(made_from, library)
-    before = _before(out / library.name)
+    folder = out / names.library_name(name)
+    before = _read(folder / _ORIGIN)
+    earlier = can.parse(_read(folder / _CAN))
+    messages = can.on_bus(earlier, made_from) if messages is None else tuple(messages)
+    library = generator.library(made_from, messages)
+    files = generator.files(made_from, library, messages)
     packages = {static_library.NAME: static_library.static_files(), library.name: files}
     report = install(out, packages, library.name, check=check, force=force)
     report = replace(report, notes=library.notes)
-    if before is None or not report.is_change:
+    origin = read_origin(before)
+    if origin is None or not report.is_change:
         return report
-    old = generator.library(before)
-    differences = compare((before, old), (made_from, library))
-    again = generator.files(before, old) if differences else files
+    old = generator.library(origin, earlier)
+    differences = compare((origin, old), (made_from, library))
+    again = generator.files(origin, old, earlier) if differences else files
     return replace(report, differences=differences, otherwise=_otherwise(report, files, again))
 
 
@@ -74,17 +84,18 @@ class _Generator:
         self._name = name
         self._templates = list(templates)
 
-    def library(self, made_from: Bus) -> Library:
-        return build_library(made_from, self._name)
+    def library(self, made_from: Bus, messages: Sequence[can.CanFile]) -> Library:
+        return build_library(made_from, self._name, messages)
 
-    def files(self, made_from: Bus, library: Library) -> Tree:
-        return render(library, self._templates) | {_ORIGIN: dump_origin(made_from)}
+    def files(self, made_from: Bus, library: Library, messages: Sequence[can.CanFile]) -> Tree:
+        more = {_CAN: can.dump(messages)} if messages else {}
+        return render(library, self._templates) | {_ORIGIN: dump_origin(made_from)} | more
 
 
-def _before(folder: Path) -> Bus | None:
-    """Returns the bus from which an earlier run made the library, or None if it is not known."""
+def _read(path: Path) -> bytes | None:
+    """Returns what an earlier run has written, or None if that is not known."""
     with suppress(OSError):
-        return read_origin((folder / _ORIGIN).read_bytes())
+        return path.read_bytes()
     return None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ecatd.etg.pdo import Value
+from ecatd.etg.pdo import Entry, Value
 
 from .text import NOTHING, Code
 
@@ -23,6 +23,7 @@ SlaveKind = Literal[
     "analog inputs",
     "analog outputs",
     "coupler",
+    "CAN terminal",
     "other",
 ]
 
@@ -161,6 +162,114 @@ class Skipped:
 
 
 @dataclass(frozen=True, slots=True)
+class CanSignal:
+    """A signal of a CAN message.
+
+    Attributes:
+        connector: Its connector.
+        entry: What its value is; index and subindex have no meaning.
+        start: First bit as in a DBC file.
+        big_endian: Whether the first byte has the highest bits.
+        number: Number of the `EtherCAT.Types.CANNumber`.
+        minimum: Smallest value that can be sent.
+        maximum: Largest value that can be sent.
+        selector: Start bit, bits, big endian, lowest and highest value of its multiplexer, or
+            zeros.
+    """
+
+    connector: Connector
+    entry: Entry
+    start: int
+    big_endian: bool
+    number: int
+    minimum: float
+    maximum: float
+    selector: tuple[int, int, int, int, int]
+
+    @property
+    def meaning(self) -> str:
+        """Where it is in the frame, in words: `start bit 7, 16 bits, big endian, ...`."""
+        c = self.connector
+        order = "big endian" if self.big_endian else "little endian"
+        *_, low, high = self.selector
+        only = f", multiplexer {low} to {high}" if self.selector[1] else ""
+        return f"start bit {self.start}, {c.bit_length} bits, {order}, {c.type_name}{only}"
+
+
+@dataclass(frozen=True, slots=True)
+class CanMessage:
+    """A message of the CAN bus behind a slave.
+
+    Attributes:
+        name: Prefix of the names of its signals, in camel case.
+        title: Its name in the file.
+        handle: Name of its external object (and of the pointer in C).
+        identifier: Its identifier.
+        extended: Whether that has 29 bits.
+        sent: Whether the model sends it; else it receives it.
+        length: Bytes of data; of a received message the fewest that all its signals need.
+        transmission: The usual `EtherCAT.Types.CANTransmission`.
+        transmission_number: Its number.
+        period: The usual period in s, of a message that is sent.
+        timeout: The usual timeout in s, of a message that is received.
+        note: What its file says about it, or empty.
+        signals: Its signals.
+        names: Names of its parameters and variables: `transmission`, `period`, `trigger` or
+            `timeout`, `valid`, `age`; and `count`.
+    """
+
+    name: Code
+    title: str
+    handle: Code
+    identifier: int
+    extended: bool
+    sent: bool
+    length: int
+    transmission: Code
+    transmission_number: int
+    period: float
+    timeout: float
+    note: str
+    signals: tuple[CanSignal, ...]
+    names: dict[str, Code]
+
+    @property
+    def written_last(self) -> Code:
+        """The variable of the write of its last signal."""
+        return self.signals[-1].connector.written
+
+    @property
+    def label(self) -> str:
+        """The message as people name it: `Motor, identifier 0x181`."""
+        bits = " (29 bits)" if self.extended else ""
+        return f"{self.title}, identifier 0x{self.identifier:03X}{bits}"
+
+
+@dataclass(frozen=True, slots=True)
+class Can:
+    """The CAN bus behind a slave.
+
+    Attributes:
+        sources: The files with its messages.
+        messages: Its messages; none for a slave without a file.
+        left_out: A sentence for all that the files have and the block does not, with the reason.
+    """
+
+    sources: tuple[str, ...]
+    messages: tuple[CanMessage, ...]
+    left_out: tuple[str, ...]
+
+    def signals(self, *, sent: bool) -> list[Connector]:
+        """The connectors of all signals of one direction."""
+        return [
+            signal.connector
+            for message in self.messages
+            if message.sent == sent
+            for signal in message.signals
+        ]
+
+
+@dataclass(frozen=True, slots=True)
 class Block:
     """The block of one slave.
 
@@ -170,7 +279,7 @@ class Block:
         position: Position on the bus.
         kind: Kind of the device, derived from its process data: `drive`, `digital inputs`,
             `digital outputs`, `digital inputs and outputs`, `analog inputs`, `analog outputs`,
-            `coupler` or `other`.
+            `coupler`, `CAN terminal` or `other`.
         description: Description of the class.
         title: Title in the icon.
         slave_name: Name that the slave itself reports.
@@ -183,9 +292,12 @@ class Block:
         reads: Inputs of the bus: connectors with values that the block delivers.
         writes: Outputs of the bus: connectors with values that the block takes.
         skipped: Entries without connector.
+        can: The CAN bus behind it, instead of its process data; empty if no file describes it.
         explained: Connectors with a note or with named values.
-        left: Connectors on the left side of the icon: all of `writes`.
-        right: Connectors on the right side of the icon: those of `reads` that are drawn.
+        left: Connectors on the left side of the icon: all of `writes`, or the signals that the
+            model sends.
+        right: Connectors on the right side of the icon: those of `reads` that are drawn, or the
+            signals that the model receives.
         variables: Elements of `reads` that are variables without a connector.
         icon: Extent of the icon, which is the box that is drawn.
         symbol: Graphical primitives, as Modelica writes them, that show the kind of the device.
@@ -211,6 +323,7 @@ class Block:
     reads: tuple[Connector, ...]
     writes: tuple[Connector, ...]
     skipped: tuple[Skipped, ...]
+    can: Can
     explained: tuple[Connector, ...]
     left: tuple[Connector, ...]
     right: tuple[Connector, ...]

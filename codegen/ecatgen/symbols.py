@@ -55,6 +55,8 @@ def symbol(kind: SlaveKind, corner: Point) -> tuple[Code, ...]:
         return tuple(_drive(pen))
     if kind == "coupler":
         return tuple(_coupler(pen))
+    if kind == "CAN terminal":
+        return tuple(_can(pen))
     if kind == "other":
         return tuple(_chip(pen))
     return tuple(_waveform(pen, kind))
@@ -108,6 +110,17 @@ def _chip(pen: _Pen) -> Iterator[Code]:
     for y in (10, 16, 22):
         yield pen.line((2, y), (30, y))
     yield pen.rectangle((7, 5), (25, 27))
+
+
+def _can(pen: _Pen) -> Iterator[Code]:
+    """Draws a node on two wires, which are terminated at both ends."""
+    yield pen.line((2, 26), (30, 26))
+    yield pen.line((2, 20), (30, 20))
+    for x in (1, 27):
+        yield pen.rectangle((x, 18), (x + 4, 28))
+    yield pen.line((13, 26), (13, 14))
+    yield pen.line((19, 20), (19, 14))
+    yield pen.rectangle((9, 4), (23, 14))
 
 
 def _waveform(pen: _Pen, kind: SlaveKind) -> Iterator[Code]:

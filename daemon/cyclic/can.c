@@ -203,10 +203,13 @@ static void receive(cyclic_t *c, struct can_channel *channel, uint64_t time_ns) 
     if (channel->runs) stop(c, channel, time_ns);
     return;
   }
-  if (c->domain[channel->domain].wkc_state != ECAT_WKC_COMPLETE) return; /* the inputs are older ones */
+  /* The terminal has datagrams of its own. Unless they were whole, its inputs are older ones, whose counters are
+   * known. Without a handshake nobody would notice that. */
+  if (!terminal->handshake && c->domain[channel->domain].wkc_state != ECAT_WKC_COMPLETE) return;
   if (!channel->runs) {
     begin(channel);
-    counter_add(&channel->shared->restarts, 1);
+    if (channel->was_running) counter_add(&channel->shared->restarts, 1);
+    channel->was_running = 1;
   }
   if (!terminal->handshake || get(channel->inputs, &terminal->send_echo) == channel->send_counter) {
     channel->accepted = 1;

@@ -54,6 +54,7 @@ struct can_channel {
   uint32_t output_bytes;
 
   int runs;                   /* the counters of both sides were compared since the terminal came into OP */
+  int was_running;            /* the terminal was in OP before */
   uint32_t settle;            /* exchanges left until frames are sent */
   int accepted;               /* the terminal has the last batch */
   uint32_t send_counter, receive_counter, transaction;

@@ -150,7 +150,8 @@ static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
   ecat_shm_slot_status *status = &c->slot_status[number];
   uint32_t why = why_ended(c, number, generation);
   cyclic_outputs_drop(c, number, why);
-  (void)cyclic_can_drop(c, number, why);
+  /* To send ends in order by a claim. A client that leaves before may have crashed. */
+  (void)cyclic_can_drop(c, number, why == ECAT_REASON_RELEASED ? ECAT_REASON_GONE : why);
   slot->can_seq = bell->can_seq;
   slot->heartbeat = bell->heartbeat;
   slot->claim_seq = bell->claim_seq - 1;

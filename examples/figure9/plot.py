@@ -1,9 +1,9 @@
 """Plots the experiment as Figure 9 of the paper: speeds above, current below.
 
-    python plot.py RESULT.csv [PICTURE.png]
+    python plot.py RESULT.csv [PICTURE.png] [--title TEXT]
 
-The result is the CSV file of figure9.c, or that of TrollPlant.Examples.PointToPointMovement from a
-Modelica tool (OpenModelica: `simulate(..., outputFormat = "csv")`).
+The result is the CSV file of figure9.c, or that of TrollPlant.Examples.PointToPointMovement or
+WheelOverCAN from a Modelica tool (OpenModelica: `simulate(..., outputFormat = "csv")`).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def read(file: Path) -> Result:
     )
 
 
-def plot(result: Result, picture: Path) -> None:
+def plot(result: Result, picture: Path, title: str) -> None:
     """Draws the two panels."""
     figure, (speeds, current) = plt.subplots(
         2, 1, sharex=True, figsize=(9, 6), height_ratios=(3, 2), layout="constrained"
@@ -73,7 +73,7 @@ def plot(result: Result, picture: Path) -> None:
     for axes in (speeds, current):
         axes.grid(alpha=0.3)
         axes.margins(x=0)
-    figure.suptitle("Point-to-point movement of the motor, 1000 Hz")
+    figure.suptitle(title)
     figure.savefig(picture, dpi=120)
     plt.close(figure)
 
@@ -92,9 +92,10 @@ def main() -> None:
     parser.add_argument(
         "picture", type=Path, nargs="?", default=Path("figure9.png"), help="picture to write"
     )
+    parser.add_argument("--title", default="Point-to-point movement of the motor")
     options = parser.parse_args()
     result = read(options.result)
-    plot(result, options.picture)
+    plot(result, options.picture, options.title)
     if (lost := seconds_at_rest(result)) > _SOME:
         print(
             f"The motor stands still for {lost:.1f} s of its movement: ecatd lost the drive, on a "

@@ -5,6 +5,7 @@ Terminals that fail come back.
 Two terminals are on one simulated bus, so what one sends the other one receives.
 """
 
+import contextlib
 import itertools
 import json
 import os
@@ -134,7 +135,11 @@ def contents(found: list[CanFrame]) -> list[tuple[int, bytes]]:
 @contextmanager
 def channel(daemon: Daemon, slave: int) -> Iterator[Channel]:
     with daemon.client() as client:
-        yield Channel(client, slave)
+        found = Channel(client, slave)
+        yield found
+        if daemon.process.poll() is None:
+            with contextlib.suppress(LeaseError, UnreachableError):
+                found.can.release()
 
 
 def simulator(daemon: Daemon, *arguments: str) -> str:
@@ -381,10 +386,11 @@ def safe_frames(watcher: Channel, wanted: list[tuple[int, bytes]]) -> list[CanFr
     return watcher.take(lambda seen: set(wanted) <= set(contents([f for f in seen if f.safe])))
 
 
-@pytest.mark.parametrize("how", ["kill", "stop", "exit"])
+@pytest.mark.parametrize("how", ["kill", "stop", "exit", "crash", "close"])
 def test_safe_frames_are_sent_when_a_sender_is_gone(daemon: Daemon, how: str) -> None:
     """The frames that wait are dropped: no frame of a dead client comes after the safe ones."""
-    ending = "import os; os._exit(0)" if how == "exit" else ""
+    endings = {"exit": "import os; os._exit(0)", "crash": "1 / 0", "close": "bus.close(); break"}
+    ending = endings.get(how, "")
     with (
         channel(daemon, RIGHT) as right,
         channel(daemon, LEFT) as left,
@@ -410,7 +416,7 @@ def test_safe_frames_are_sent_when_a_sender_is_gone(daemon: Daemon, how: str) ->
         found = safe_frames(left, [NMT_STOP, NOTHING])
         first = next(i for i, f in enumerate(found) if f.safe)
         assert not [f for f in found[first:] if f.data == b"go"]
-        assert NMT_STOP in contents(right.receive(2))
+        right.take(lambda seen: NMT_STOP in contents(of_kind(seen, CanKind.RECEIVED)))
         again = left.take(lambda seen: len([f for f in seen if f.safe]) >= 3)
         assert {(f.identifier, f.data) for f in again if f.safe} == {
             NOTHING
@@ -464,11 +470,13 @@ def test_a_sender_that_ends_in_order_has_sent_all_and_causes_only_what_it_should
     with channel(daemon, LEFT) as watcher, channel(daemon, RIGHT) as right:
         with channel(daemon, LEFT) as left:
             left.can.claim()
+            left.can.flush(PATIENCE)
             for number in range(200):
                 left.can.send(0x400, bytes([number]))
             left.can.flush(PATIENCE)
             left.can.release()
         assert [f.data[0] for f in right.receive(200, 0x400)] == list(range(200))
+        watcher.take(lambda seen: len([f for f in seen if f.identifier == 0x400]) == 200)
         with channel(daemon, LEFT) as left:
             left.can.claim()
             left.can.send(0x202, b"x")
@@ -507,6 +515,22 @@ def test_safe_frames_are_sent_before_the_daemon_ends(
                 watcher.client.wait()
         assert {NMT_STOP, NOTHING} <= set(contents([f for f in seen if f.safe]))
         assert daemon.process.wait(PATIENCE) == 0
+
+
+def test_no_frame_goes_to_a_daemon_that_has_ended(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    daemon = start_daemon(str(rig), config=CONFIG)
+    with channel(daemon, LEFT) as left:
+        left.can.claim()
+        left.can.send(0x100)
+        left.can.flush(PATIENCE)
+        daemon.kill_all()
+        with pytest.raises(UnreachableError) as error:
+            while True:  # BusyError would mean that its queue got full
+                left.can.send(0x100)
+                time.sleep(0.002)
+        names(error.value, "has ended")
 
 
 # --- terminals that fail ----------------------------------------------------------------------
@@ -645,9 +669,9 @@ def test_ecatctl_sends_and_shows_frames_as_candump_does(daemon: Daemon) -> None:
     dump.stdout.close()
     name = f"{daemon.bus}/{LEFT}"
     known = {
-        f"  {name}  RX       123   [1]  5A",
-        f"  {name}  TX       124   [4]  DE AD BE EF",
-        f"  {name}  TX  18FF0001   [4]  remote request",
+        f"  {name}  RX - -       123   [1]  5A",
+        f"  {name}  TX - -       124   [4]  DE AD BE EF",
+        f"  {name}  TX - -  18FF0001   [4]  remote request",
     }
     assert len(lines) == 4
     assert set(lines) <= known
@@ -656,7 +680,7 @@ def test_ecatctl_sends_and_shows_frames_as_candump_does(daemon: Daemon) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["send", "left", "12G#00"], ["12G#00", "601#"]),
+        (["send", "left", "12G#00"], ["12G#00", "605#"]),
         (["send", "left", "123#0"], ["123#0"]),
         (["send", "left"], ["no frame"]),
         (["send", "9", "123#"], ["'9'", "left", "right"]),
@@ -681,8 +705,26 @@ def test_counters_arrive_everywhere(daemon: Daemon) -> None:
         left.can.flush(PATIENCE)
         shown = daemon.ctl("can", "stats").stdout
         sent = left.can.info.sent
-    assert re.search(rf"sent +{sent} ", shown)
+    assert re.search(rf"\b{sent} sent\b", shown)
     rows = daemon.ctl_json("stats")["channels"]
     assert [row["slave"] for row in rows] == [LEFT, RIGHT]
     assert rows[0]["sent"] >= sent
     assert rows[0]["can_state"] == "active"
+
+
+def test_a_bus_without_another_node_is_a_fault_of_the_health(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    daemon = start_daemon(str(rig), config=CONFIG)
+    assert daemon.ctl("check").returncode == 0
+    simulator(daemon, "power-off", str(RIGHT))  # nobody acknowledges frames any more
+    with channel(daemon, LEFT) as left:
+        left.can.claim()
+        left.can.send(0x100)
+        wait_for(lambda: left.can.info.state == CanState.PASSIVE, daemon)
+        shown = daemon.ctl("check", check=False).stdout
+        (line,) = [line for line in shown.splitlines() if "error passive" in line]
+        names(line, "left", "128", "termination")
+        simulator(daemon, "power-on", str(RIGHT))
+        left.can.flush(PATIENCE)
+        assert left.can.info.own_sent == 1

@@ -130,6 +130,8 @@ import signal, sys, canopen
 master = canopen.Network()
 master.connect(interface="ecatd", channel=sys.argv[1])
 master.send_message(0, bytes([1, int(sys.argv[2])]))
+if sys.argv[3] == "commands":
+    master.send_message(0x200 + int(sys.argv[2]), bytes([6, 0]))
 master.bus.flush_tx_buffer()
 print("ready", flush=True)
 sys.stdin.read()
@@ -137,11 +139,20 @@ master.disconnect()
 """
 
 
-@pytest.mark.parametrize(("end", "state"), [("orderly", "OPERATIONAL"), ("killed", "STOPPED")])
-def test_the_drive_stops_when_its_master_has_died(daemon: Daemon, end: str, state: str) -> None:
+@pytest.mark.parametrize(
+    ("does", "end", "state"),
+    [
+        ("watches", "killed", "OPERATIONAL"),  # the safe frames are about senders of RPDOs
+        ("commands", "orderly", "STOPPED"),
+        ("commands", "killed", "STOPPED"),
+    ],
+)
+def test_the_drive_stops_when_its_master_has_ended(
+    daemon: Daemon, does: str, end: str, state: str
+) -> None:
     with network(daemon, DRIVES) as watcher:
         node = watcher.add_node(canopen.RemoteNode(DRIVE, str(EDS)))
-        command = [sys.executable, "-c", PROGRAM, f"{daemon.bus}/{DRIVES}", str(DRIVE)]
+        command = [sys.executable, "-c", PROGRAM, f"{daemon.bus}/{DRIVES}", str(DRIVE), does]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         with subprocess.Popen(command, env=daemon.env, text=True, **pipes) as program:
             assert program.stdout is not None

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -59,34 +59,40 @@ def runs(pid: int) -> bool:
 
 
 @contextmanager
-def turning_drive(tmp_path: Path) -> Iterator[Machine]:
+def simulator_beside(rig: str) -> Iterator[tuple[Simulator, str, Callable[[], None]]]:
+    """A simulator that no daemon ends, its interface, and what leads a process to that."""
     read, write = os.pipe()
-    rig = subprocess.Popen(
+    process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "ecatsim", "run", "troll", "--ready-fd", str(write)),
+            *(sys.executable, "-m", "ecatsim", "run", rig, "--ready-fd", str(write)),
             *("--", "sleep", "infinity"),
         ],
         pass_fds=(write,),
     )
     os.close(write)
-    daemon = None
     try:
         with os.fdopen(read) as ready:
             at = json.loads(ready.readline())
-        with Simulator(str(rig.pid)) as simulator:
-            daemon = Daemon(
-                tmp_path,
-                "",
-                *("--interface", at["interface"]),
-                config=stop_rule("quick_stop"),
-                preexec=lambda: join(at["pid"]),
-            ).wait_ready()
+        with Simulator(str(process.pid)) as simulator:
+            yield simulator, at["interface"], lambda: join(at["pid"])
+    finally:
+        process.terminate()
+        process.wait(PATIENCE)
+
+
+@contextmanager
+def turning_drive(tmp_path: Path) -> Iterator[Machine]:
+    with simulator_beside("troll") as (simulator, interface, enter):
+        daemon = Daemon(
+            *(tmp_path, "", "--interface", interface),
+            config=stop_rule("quick_stop"),
+            preexec=enter,
+        )
+        try:
+            daemon.wait_ready()
             with Drive(daemon) as drive:
                 drive.brake_slowly()
                 drive.run()
                 yield Machine(daemon, simulator)
-    finally:
-        if daemon is not None:
+        finally:
             daemon.close()
-        rig.terminate()
-        rig.wait(PATIENCE)

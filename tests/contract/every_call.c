@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { IO_TERMINAL = 7, IO_NODE = 2 }; /* a CAN terminal, and the CANopen node behind it */
 enum { DRIVE = 0, COUPLER = 1, INPUTS = 2, LAMPS = 3, VENDOR = 2, LAMPS_PRODUCT = 0x07D83052 };
 
 #define CHECK(condition) \
@@ -297,6 +298,58 @@ static void requests(ecat_t *bus) {
   ecat_release_all(bus);
 }
 
+/* Asks the node for its device type, and waits for the frame and for the answer. */
+static void ask_node(ecat_t *bus, int channel, uint64_t *sender) {
+  ecat_can_frame question = {.id = 0x600 + IO_NODE, .length = 8, .data = {0x40, 0x00, 0x10}}, found[16];
+  uint32_t number = 0;
+  int answered = 0, sent = 0, i, count;
+  CHECK(ecat_can_send(bus, channel, &question, 1, &number) == 1 && number > 0);
+  while (!answered || !sent) {
+    CHECK(ecat_can_wait(bus, channel, 60) == 0);
+    CHECK((count = ecat_can_read(bus, channel, found, 16, 0)) >= 0);
+    for (i = 0; i < count; i++) {
+      sent |= found[i].kind == ECAT_CAN_SENT && found[i].own && found[i].number == number;
+      answered |= found[i].kind == ECAT_CAN_RECEIVED && found[i].id == 0x580 + IO_NODE;
+      if (found[i].own) *sender = found[i].sender;
+    }
+  }
+}
+
+static void can(ecat_t *bus, const char *name) {
+  ecat_can_range range = {0x600, 0x67F}, wrong = {2, 1};
+  ecat_can_frame frame = {.id = 0x602, .length = 9};
+  ecat_can_info info;
+  ecat_t *other = NULL;
+  uint64_t sender = 0;
+  int channel;
+  CHECK(ecat_can_count(bus) == 2 && ecat_can_find(bus, LAMPS) == ECAT_EBUS);
+  CHECK(ecat_can_find(bus, 99) == ECAT_EBUS && (channel = ecat_can_find(bus, IO_TERMINAL)) == 1);
+  CHECK(ecat_can(bus, 2, &info) == ECAT_EARG && ecat_can(bus, channel, &info) == 0);
+  CHECK(info.slave == IO_TERMINAL && info.bit_rate == 500000 && info.identifier_bits == 29);
+  CHECK(ecat_can_listen(bus, channel) == 0 && ecat_can_listen(bus, -1) == ECAT_EARG);
+  CHECK(ecat_can_sender(bus) == 0 || bus != NULL);
+  CHECK(ecat_can_wait(bus, channel, -1) == ECAT_EARG && ecat_can_wait(bus, 9, 1) == ECAT_EARG);
+  CHECK(ecat_can_read(bus, 9, &frame, 1, 0) == ECAT_EARG);
+  CHECK(ecat_can_send(bus, channel, &frame, 1, NULL) == ECAT_ECLAIM && ecat_can_flush(bus, channel, 1) == ECAT_ECLAIM);
+  CHECK(ecat_can_release(bus, channel) == 0 && ecat_can_release(bus, 9) == ECAT_EARG);
+  CHECK(ecat_can_claim(bus, channel, -1, NULL, 0) == ECAT_EARG);
+  CHECK(ecat_can_claim(bus, channel, 0, &wrong, 1) == ECAT_EARG);
+  CHECK(ecat_can_claim(bus, channel, 0, &range, 1) == 0);
+  CHECK(ecat_claim(bus, LAMPS, 1) == ECAT_EARG); /* a thread gives the signs of life of this connection */
+  CHECK(ecat_can_send(bus, channel, &frame, 1, NULL) == ECAT_ERANGE);
+  ask_node(bus, channel, &sender);
+  CHECK(sender != 0 && sender == ecat_can_sender(bus));
+  CHECK(ecat_open(&other, name) == 0 && ecat_can_claim(other, channel, 5, &range, 1) == ECAT_EOWNED);
+  CHECK(ecat_can_claim(other, channel, 5, NULL, 0) == 0);
+  frame.length = 0;
+  CHECK(ecat_can_send(other, channel, &frame, 1, NULL) == ECAT_EOWNED);
+  CHECK(ecat_claim(other, LAMPS, 5) == 0); /* with a lease both are possible */
+  CHECK(ecat_can_release(bus, channel) == 0 && ecat_can_send(other, channel, &frame, 1, NULL) == 1);
+  CHECK(ecat_can_flush(other, channel, 60) == 0 && ecat_can(other, channel, &info) == 0 && info.own_sent == 1);
+  ecat_close(other);
+  ecat_release_all(bus);
+}
+
 static void restart(ecat_t *bus) {
   uint64_t before = ecat_instance(bus);
   int lamp = ecat_bind(bus, LAMPS, 0x7000, 1, ECAT_OUTPUT), request, code = 0;
@@ -327,6 +380,7 @@ int main(int count, char **arguments) {
   writing(bus, arguments[1]);
   values(bus);
   requests(bus);
+  can(bus, arguments[1]);
   restart(bus);
   __atomic_store_n(&stop, 1, __ATOMIC_RELEASE);
   pthread_join(thread, NULL);

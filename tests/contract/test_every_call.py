@@ -25,6 +25,22 @@ def test_no_call_is_left_out() -> None:
     assert [name for name in declared if f"{name}(" not in tried] == []
 
 
+CONFIG = """
+[gateway]
+listen = []
+[[slave]]
+position = 6
+[slave.can]
+bit_rate = 1000
+frames_per_second = 2500
+[[slave]]
+position = 7
+[slave.can]
+bit_rate = 500
+frames_per_second = 1000
+"""
+
+
 @pytest.mark.parametrize("kind", ["address,undefined", "thread"])
 def test_every_call_does_and_refuses_what_it_says(
     kind: str, compiler: str, start_daemon: Callable[..., Daemon], tmp_path: Path
@@ -40,7 +56,7 @@ def test_every_call_does_and_refuses_what_it_says(
         ],
         check=True,
     )
-    daemon = start_daemon("troll")
+    daemon = start_daemon("troll-can", config=CONFIG)
     with subprocess.Popen(
         ["setarch", "-R", program, daemon.bus],  # the sanitizer needs its usual places in memory
         env={**os.environ, "TSAN_OPTIONS": "halt_on_error=1"},
@@ -52,6 +68,6 @@ def test_every_call_does_and_refuses_what_it_says(
         assert running.stderr is not None
         if running.stdout.readline() == "restart\n":
             daemon.kill_all()
-            start_daemon("troll", "--bus", daemon.bus).bus = daemon.bus
+            start_daemon("troll-can", "--bus", daemon.bus, config=CONFIG).bus = daemon.bus
         output, errors = running.communicate()
     assert (running.returncode, output, errors) == (0, "done\n", "")

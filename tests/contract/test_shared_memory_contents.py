@@ -326,6 +326,8 @@ def test_every_table_can_be_seen_as_it_is(shared: SharedMemory, name: str) -> No
         "replies": requests,
         "requests": requests,
         "images": shm.SLOTS * shm.IMAGES,
+        "can": 0,
+        "can_senders": 0,
     }
     rows = raw.read_raw(name_of(shared), name)
     assert len(rows) == counts.get(name, 1)

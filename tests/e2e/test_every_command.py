@@ -74,6 +74,7 @@ NO_DOCUMENT = {
 
 FILES_RIG = """
 buses; slaves; graph; pdos; read; watch --count 1; state; check; stats; claims; shm; dc; info
+can stats
 write '0/0x6040:00=0' --for 0.1 --yes
 record -o record.csv --for 0.1
 sdos 0 0x1018; sdo-read 0 0x1018 1; sdo-write 0 0x6060 0 8

@@ -202,7 +202,11 @@ def test_the_sources_make_the_binary(compiler: str, fmi: int, make: Make, tmp_pa
 
 
 def test_wrong_options(tmp_path: Path) -> None:
-    for options in (["--fmi", "3"], ["--fmu", "--fmi", "4"], ["--fmu", "--force"]):
+    for options in (
+        *(["--fmi", "3"], ["--fmu", "--fmi", "4"], ["--fmu", "--force"]),
+        *(["--ls-bus-ecus", "2"], ["--ls-bus-clock", "triggered"], ["--ls-bus", "6", "--fmu"]),
+        *(["--ls-bus", "6", "--force"], ["--ls-bus", "6", "--can", "6=x.dbc"]),
+    ):
         result = run_module("ecatd.cli", "generate", "Plant", str(tmp_path), *options)
         assert result.returncode == 2
         assert not result.stdout

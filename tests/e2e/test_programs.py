@@ -21,6 +21,7 @@ import ecatd.client
 from conftest import Daemon, names, run_module, wait_for, wait_for_end
 from ecatd.base import errors
 from ecatd.client import Claim, Client, Request, Signal
+from ecatd.client.can import CanChannel
 from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
@@ -135,7 +136,7 @@ def test_the_table_names_what_there_is_in_cpp_and_python() -> None:
     assert {name for name in cpp if not re.search(rf"\b{name}[(<]|class {name}\b", header)} == set()
     python = set().union(*(called(row[3]) for row in table("All calls")))
     python -= {"len", "await"}
-    things = (Client, Signal, Claim, Request, ecatd.client)
+    things = (Client, Signal, Claim, Request, CanChannel, ecatd.client)
     assert {name for name in python if not any(hasattr(thing, name) for thing in things)} == set()
 
 

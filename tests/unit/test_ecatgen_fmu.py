@@ -131,7 +131,7 @@ def test_the_table_has_a_line_for_each() -> None:
     fmu = make(sample_buses.awkward(), 3)
     lines = render(fmu)["resources/plant.txt"].decode().split("\n")
     assert lines.pop() == ""
-    assert len(lines) == 7 + len(fmu.slaves) + len(fmu.variables)
+    assert len(lines) == 8 + len(fmu.slaves) + len(fmu.messages) + len(fmu.variables)
     assert f"slaves {len(fmu.slaves)}" in lines
     assert all(len(line.split(" ", 1)) == 2 for line in lines)
 

@@ -61,7 +61,7 @@ export function OutputsPanel({ state }: { state: State }) {
             {outputs.map((output) => {
               const signal = names.get(output.name);
               const owner = value.owners[output.owner];
-              const who = owner !== undefined ? ownerName(owner) : output.source !== null ? `copied from ${output.source}` : "safe";
+              const who = owner !== undefined ? ownerName(owner) : output.source !== null ? `copied from ${output.source}` : output.state === "can" ? "CAN frames" : "safe";
               const since = output.since === null ? "" : lasting(now - output.since);
               return (
                 <li key={output.name}>

@@ -172,8 +172,8 @@ typedef struct ecat_can_info {
 /* Connects to the bus `name` (NULL: "ecat0"). After a failure *bus is still set, for ecat_error(), and
  * must be closed. It is NULL only if memory is exhausted. */
 ECAT_API int ecat_open(ecat_t **bus, const char *name);
-/* Releases all claims and closes the connection. NULL is allowed. A client that sends on a CAN channel waits for
- * the next cycle. */
+/* Releases all claims and closes the connection. NULL is allowed. A client that still sends on a
+ * CAN channel counts as lost. */
 ECAT_API void ecat_close(ecat_t *bus);
 
 /* The text that explains the last failed call of this handle; never NULL. */
@@ -356,7 +356,8 @@ ECAT_API int ecat_can_wait(ecat_t *bus, int channel, double timeout);
  * the signs of life, so that only the end or a stop of the process counts; this connection can own no outputs
  * then. Claiming again replaces ranges and lease. */
 ECAT_API int ecat_can_claim(ecat_t *bus, int channel, double lease, const ecat_can_range *ranges, size_t count);
-/* Ends it in order: what waits is not sent, so call ecat_can_flush() before. */
+/* Ends it in order: what waits is not sent, so call ecat_can_flush() before. A client that ends without this call
+ * counts as lost. */
 ECAT_API int ecat_can_release(ecat_t *bus, int channel);
 /* Puts frames into the queue of this client, and returns how many. ECAT_EFULL: there is no room, because the CAN
  * bus is slower than the program, or does not work; the error text says which. ECAT_EOWNED: another client has

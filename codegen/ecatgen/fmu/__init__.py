@@ -10,5 +10,6 @@ Making an FMU therefore needs no compiler, and every FMU contains the binary tha
 """
 
 from .generate import FmuReport, generate_fmu
+from .ls_bus import LsBusReport, generate_ls_bus
 
-__all__ = ["FmuReport", "generate_fmu"]
+__all__ = ["FmuReport", "LsBusReport", "generate_fmu", "generate_ls_bus"]

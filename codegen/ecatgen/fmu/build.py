@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ecatd.base.version import VERSION
 from ecatd.description.bus import Bus
@@ -14,21 +14,33 @@ from ecatd.etg.pdo import Entry
 from ecatd.etg.scaling import to_physical
 
 from .. import names
-from ..ir import Block, Connector, Library
+from ..ir import Block, CanMessage, CanSignal, Connector, Library
 from ..text import NOTHING, Code, identifier, table_text, table_word
 from . import common_variables as common
-from .ir import Attributes, Fmu, Slave, Unknown, Variable
+from .ir import Attributes, BusTerminal, Fmu, Slave, Unknown, Variable
 from .units import units
 
 _FLOAT = {2: "Real", 3: "Float64"}
 _COUNTER = {2: "Integer", 3: "UInt32"}
 _ENUMERATION_ACCESS = {2: "Integer", 3: "Int64"}
 _REAL_LIMIT = {32: float(2**128 - 2**104), 64: float(2**1023) * (2 - 2.0**-52)}
+_UNSET = ("Clock", "Binary")
+"""Types without a start attribute. In the table, that of a clock says whether it is triggered."""
+_EXTENDED = 1 << 31
+"""ECAT_CAN_EXTENDED: the identifier has 29 bits."""
+
 _KNOWN_AT_START = ("bus", "whenMissing", "patience")
 """Parameters on which the initial values of the outputs depend."""
 
 
-def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> Fmu:
+def build_fmu(
+    bus: Bus,
+    library: Library,
+    fmi: int,
+    sources: Sequence[str],
+    ecus: int = 0,
+    tx_clock: str = "",
+) -> Fmu:
     """Builds the FMU for a bus, without its token.
 
     Args:
@@ -36,9 +48,18 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
         library: Library for the bus; the variables have its names.
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
+        ecus: With FMI 3.0: number of virtual ECUs on the CAN bus behind the only slave.
+        tx_clock: One of `TX_CLOCKS`, with ECUs.
     """
     instances = instance_names(library.blocks)
-    variables = tuple(_Builder(fmi, bus).all(library.blocks, instances))
+    messages = [
+        (number, message)
+        for number, block in enumerate(library.blocks)
+        for message in block.can.messages
+    ]
+    builder = _Builder(fmi, bus, ecus)
+    variables = tuple(builder.all(library.blocks, instances))
+    variables += tuple(builder.bus_terminals(tx_clock)) if ecus else ()
     references = {item.name: item.reference for item in variables}
     first = 1 if fmi == 2 else 0
     known = " ".join(str(references[item] + first) for item in _KNOWN_AT_START)
@@ -50,27 +71,62 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
         tool=f"ecatd {VERSION}",
         bus=bus.name,
         fingerprint=library.fingerprint,
-        command=f"{library.command} --fmu{'' if fmi == 2 else ' --fmi 3'}",
+        command=library.command + ("" if ecus else " --fmu" + ("" if fmi == 2 else " --fmi 3")),
         step_size=repr(bus.cycle_time_us / 1e6),
         unit_groups=tuple(filter(None, [units(item.unit for item in variables)])),
-        enumerations=common.ENUMERATIONS,
+        enumerations=common.ENUMERATIONS + ((common.CAN_STATE,) if messages or ecus else ()),
         categories=common.CATEGORIES,
         variables=variables,
         slaves=tuple(_slaves(library.blocks, instances, variables)),
+        messages=tuple(_message(number, message) for number, message in messages),
+        bus_terminals=tuple(map(_bus_terminal, range(ecus))),
         unknowns=tuple(
-            Unknown(item.reference + first, known)
-            for item in variables
-            if item.causality == "output"
+            _unknown(item, first, known) for item in variables if item.causality == "output"
         ),
         sources=tuple(sources),
     )
 
 
+def _message(slave: int, message: CanMessage) -> Code:
+    """The line of a CAN message in the table."""
+    number = message.identifier | (_EXTENDED if message.extended else 0)
+    return Code("message %d %08x %d %d %d %s %s") % (
+        slave,
+        number,
+        int(message.sent),
+        message.length,
+        message.transmission_number,
+        _bits(message.period),
+        _bits(message.timeout),
+    )
+
+
 def instance_names(blocks: Sequence[Block]) -> list[str]:
     """Returns the prefix of each slave's variables: the usual name of its block, made unique."""
-    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS]
+    own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS + common.OF_BUS_TERMINALS]
     namespace = names.Namespace([*own, "time"], suffix="Slave")
     return [namespace.take(block.instance) for block in blocks]
+
+
+def _unknown(item: Variable, first: int, known: str) -> Unknown:
+    attributes = dict(item.attributes)
+    clock = dict(item.type_attributes).get("clocks", "")
+    has_initial = not clock and attributes["variability"] != "constant"
+    return Unknown(item.reference + first, known if has_initial else None, clock)
+
+
+def ecu_name(number: int) -> str:
+    """Returns the name of the bus terminal of a virtual ECU, 0 first."""
+    return f"Ecu{number + 1}"
+
+
+def _bus_terminal(number: int) -> BusTerminal:
+    name = ecu_name(number)
+    return BusTerminal(
+        name=name,
+        variables=tuple((f"{name}.{item}", item) for item in common.BUS_TERMINAL),
+        settings=((f"{name}.{common.BUS_NOTIFICATIONS}", common.BUS_NOTIFICATIONS),),
+    )
 
 
 def _slaves(
@@ -79,7 +135,7 @@ def _slaves(
     members: dict[str, list[tuple[str, str]]] = {instance: [] for instance in instances}
     for item in variables:
         instance, dot, member = item.name.partition(".")
-        if dot:
+        if dot and instance in members:
             members[instance].append((item.name, member))
     for block, instance in zip(blocks, instances, strict=True):
         yield Slave(
@@ -106,6 +162,7 @@ class _Value:
         maximum: Largest value, or None.
         unit: Unit, or empty.
         declared: Name of the enumeration, or empty.
+        more: Further XML attributes.
     """
 
     element: str
@@ -115,13 +172,14 @@ class _Value:
     maximum: float | int | None = None
     unit: str = ""
     declared: str = ""
+    more: Attributes = ()
 
     def attributes(self) -> Attributes:
         """Returns the XML attributes of the type."""
         found = {"declaredType": self.declared, "unit": self.unit}
         for name, number in (("min", self.minimum), ("max", self.maximum), ("start", self.start)):
-            found[name] = "" if number is None else _number(number)
-        return tuple((name, value) for name, value in found.items() if value)
+            found[name] = "" if number is None or self.access in _UNSET else _number(number)
+        return tuple((name, value) for name, value in found.items() if value) + self.more
 
     def limits(self) -> str:
         """Returns the limits for the documentation."""
@@ -133,10 +191,12 @@ class _Value:
 class _Builder:
     """Builds variables one after the other and counts their value references."""
 
-    def __init__(self, fmi: int, bus: Bus) -> None:
+    def __init__(self, fmi: int, bus: Bus, ecus: int) -> None:
         self._fmi = fmi
+        self._ecus = ecus
         self._bus = bus
         self._count = 0
+        self._messages = 0
 
     def all(self, blocks: Sequence[Block], instances: Sequence[str]) -> Iterator[Variable]:
         """Builds all variables in the order of their value references."""
@@ -154,6 +214,50 @@ class _Builder:
             )
         for number, (block, instance) in enumerate(zip(blocks, instances, strict=True)):
             yield from self._slave(number, block, instance)
+
+    def bus_terminals(self, tx_clock: str) -> Iterator[Variable]:
+        """Builds the variables of all bus terminals, and those of each."""
+        for item in common.OF_BUS_TERMINALS:
+            value = self._fixed(item)
+            if item.name != common.INTERVAL:
+                yield self._variable((item.name, item.description), "output", item.name, value)
+            elif tx_clock == common.TX_CLOCKS[0]:
+                value = replace(value, start=self._bus.cycle_time_us / 1e6)
+                yield self._variable((item.name, item.description), "parameter", item.name, value)
+        for number in range(self._ecus):
+            yield from self._bus_terminal(number, tx_clock)
+
+    def _bus_terminal(self, number: int, tx_clock: str) -> Iterator[Variable]:
+        place = Code(" %d") % number
+        first = self._count
+        references = {name: str(first + 1 + n) for n, name in enumerate(common.BUS_TERMINAL)}
+        yield self._variable(
+            (f"{ecu_name(number)}.{common.BUS_NOTIFICATIONS}", "Frames are confirmed, errors told"),
+            "output",
+            common.BUS_NOTIFICATIONS,
+            _Value("Boolean", "Boolean", start=True),
+            place,
+            variability="constant",
+        )
+        for name, (causality, description) in common.BUS_TERMINAL.items():
+            end, _, kind = name.partition("_")
+            is_triggered = end == "Rx" or tx_clock == "triggered"
+            clock = "triggered" if is_triggered else "countdown"
+            more: Attributes = (("intervalVariability", clock),)
+            if kind == "Data":
+                more = (
+                    ("clocks", references[f"{end}_Clock"]),
+                    ("mimeType", common.MIME_TYPE),
+                    ("maxSize", str(common.MAXIMUM[end])),
+                )
+            element = "Binary" if kind == "Data" else "Clock"
+            yield self._variable(
+                (f"{ecu_name(number)}.{name}", description),
+                "output" if name == "Tx_Clock" and is_triggered else causality,
+                name,
+                _Value(element, element, start=int(is_triggered), more=more),
+                place,
+            )
 
     def _slave(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
         entries = {
@@ -173,6 +277,56 @@ class _Builder:
             for connector in connectors:
                 entry = entries[outputs, connector.index, connector.subindex]
                 yield self._entry(number, instance, connector, entry, outputs=outputs)
+        if block.can.messages or self._ecus:
+            yield from self._terminal(number, block, instance)
+
+    def _terminal(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
+        """The variables of the CAN bus behind a slave."""
+        for item in common.OF_TERMINALS:
+            text = _member(instance, item.name), f"{block.slave_label}: {item.description}"
+            place = Code(" %d") % number
+            yield self._variable(text, "output", item.name, self._fixed(item), place)
+        own = [item.name for item in common.OF_SLAVES + common.OF_TERMINALS]
+        namespace = names.Namespace(own, suffix="Message")
+        for message in block.can.messages:
+            prefix = _member(instance, namespace.take(message.name))
+            yield from self._can_message(number, prefix, message)
+            self._messages += 1
+
+    def _can_message(self, number: int, prefix: str, message: CanMessage) -> Iterator[Variable]:
+        fixed = common.OF_SENT if message.sent else common.OF_RECEIVED
+        for item in fixed:
+            text = (
+                _member(prefix, common.MEMBERS[item.name]),
+                f"{message.label}: {item.description}",
+            )
+            place = Code(" %d %d") % (number, self._messages)
+            yield self._variable(text, "output", item.name, self._fixed(item), place)
+        namespace = names.Namespace(common.MEMBERS.values(), suffix="Signal")
+        for signal in message.signals:
+            name = names.component_name(signal.entry.name, f"bit{signal.start}")
+            yield self._signal(number, _member(prefix, namespace.take(name)), signal, message)
+
+    def _signal(self, number: int, name: str, signal: CanSignal, message: CanMessage) -> Variable:
+        connector, entry = signal.connector, signal.entry
+        unit = table_text(connector.unit_name)
+        numbers = (connector.scale, connector.offset, signal.minimum, signal.maximum)
+        where = (
+            *(number, self._messages, signal.start, entry.bit_length, int(signal.big_endian)),
+            *(signal.number, *signal.selector),
+        )
+        place = Code(" %s %s%s") % (
+            Code(" ").join(where),
+            Code(" ").join(map(_bits, numbers)),
+            Code(" %s") % unit if unit else NOTHING,
+        )
+        return self._variable(
+            (name, connector.description),
+            "input" if message.sent else "output",
+            "canInput" if message.sent else "canOutput",
+            self._value(connector, _without_limits(entry, message), start=message.sent),
+            place,
+        )
 
     def _slave_entries(self, block: Block, *, outputs: bool) -> Iterator[tuple[object, Entry, int]]:
         return self._bus.slaves[block.position].entries(outputs=outputs)
@@ -245,6 +399,12 @@ class _Builder:
         """Returns the start attribute of a text; empty for FMI 3.0, which uses an element."""
         return (("start", self._bus.name),) if self._fmi == 2 else ()
 
+    def _start_texts(self, value: _Value, causality: str) -> tuple[str, ...]:
+        """Returns the start elements of FMI 3.0: those of a text, and of bytes that are set."""
+        if self._fmi == 3 and value.element == "String":
+            return (self._bus.name,)
+        return ("",) if value.element == "Binary" and causality == "input" else ()
+
     def _variable(
         self,
         text: tuple[str, str],
@@ -252,9 +412,11 @@ class _Builder:
         role: str,
         value: _Value,
         place: Code = NOTHING,
+        *,
+        variability: str = "",
     ) -> Variable:
         name, description = text
-        variability = {"parameter": "fixed", "independent": "continuous"}.get(causality, "discrete")
+        usual = {"parameter": "fixed", "independent": "continuous"}.get(causality, "discrete")
         access = "Real" if value.access in _FLOAT.values() else value.access
         words = (identifier(access), identifier(role), _start(value), table_word(name), place)
         is_text = value.element == "String"
@@ -263,7 +425,7 @@ class _Builder:
             "valueReference": str(self._count),
             "description": description,
             "causality": causality,
-            "variability": variability,
+            "variability": variability or usual,
         }
         self._count += 1
         return Variable(
@@ -274,12 +436,17 @@ class _Builder:
             element=identifier(value.element),
             attributes=tuple(attributes.items()),
             type_attributes=self._start_of_text() if is_text else value.attributes(),
-            start_texts=(self._bus.name,) if is_text and self._fmi == 3 else (),
+            start_texts=self._start_texts(value, causality),
             unit=value.unit,
             kind=value.declared or value.element,
             limits=value.limits(),
             row=Code("variable %s %s %s %s%s") % words,
         )
+
+
+def _without_limits(entry: Entry, message: CanMessage) -> Entry:
+    """What another node sends may be beyond the limits, which importers take for a failure."""
+    return entry if message.sent else replace(entry, minimum=None, maximum=None)
 
 
 def _member(instance: str, name: str) -> str:

@@ -38,6 +38,19 @@ AL_STATE = Enumeration(
         Item("Op", 6, "OP: mailbox, inputs and outputs"),
     ),
 )
+CAN_STATE = Enumeration(
+    "CANState",
+    "State of a CAN controller",
+    (
+        Item("Stopped", 1, "The terminal is not in OP, or does not take part in the exchange"),
+        Item("ErrorActive", 2, "All is well"),
+        Item("Warning", 3, "An error counter has reached 96"),
+        Item("ErrorPassive", 4, "An error counter has reached 128"),
+        Item("BusOff", 5, "It takes no part in the traffic"),
+    ),
+)
+"""Only of FMUs with CAN messages or bus terminals."""
+
 ENUMERATIONS = (BUS_FAILURE, BUS_STATE, AL_STATE)
 """The enumerations of `EtherCAT.Types`, with the same numbers."""
 
@@ -111,3 +124,46 @@ OF_SLAVES = (
     Fixed("alStatusCode", "Counter", "why it has left a state (AL status code), 0: no error"),
 )
 """The diagnostics of each slave."""
+
+OF_TERMINALS = (
+    Fixed("canState", "CANState", "state of its CAN controller"),
+    Fixed("canSendErrors", "Counter", "error counter of its CAN controller for sending"),
+    Fixed("canReceiveErrors", "Counter", "error counter of its CAN controller for receiving"),
+)
+"""The diagnostics of a slave with CAN messages, or with bus terminals."""
+
+OF_RECEIVED = (
+    Fixed("canValid", "Boolean", "is not too old, and the terminal takes part in both buses"),
+    Fixed("canAge", "Real", "time since the last frame, 1e9 before the first one", unit="s"),
+    Fixed("canCount", "Counter", "frames that were received, modulo 2^31"),
+)
+OF_SENT = (Fixed("canCount", "Counter", "frames that were handed over, modulo 2^31"),)
+"""The diagnostics of each CAN message."""
+
+MEMBERS = {"canValid": "valid", "canAge": "age", "canCount": "count"}
+"""What they are called: `terminal.motor.age`."""
+
+INTERVAL = "interval"
+OF_BUS_TERMINALS = (
+    Fixed(INTERVAL, "Real", "Time between two ticks of each Tx_Clock", 0.001, "s"),
+    Fixed("framesSent", "Counter", "Frames of the ECUs that were sent"),
+    Fixed("framesReceived", "Counter", "Frames of other nodes, and of other clients of ecatd"),
+    Fixed("operationsRefused", "Counter", "Operations that were answered with Format Error"),
+    Fixed("operationsLost", "Counter", "Operations and frames that the importer came too late for"),
+)
+"""The variables of an FMU with bus terminals. The first one is a parameter."""
+
+BUS_NOTIFICATIONS = "BusNotifications"
+BUS_TERMINAL = {
+    "Rx_Clock": ("input", "The ECU has sent operations"),
+    "Rx_Data": ("input", "Operations of the ECU"),
+    "Tx_Clock": ("input", "There may be operations for the ECU"),
+    "Tx_Data": ("output", "Operations for the ECU"),
+}
+"""The variables of a bus terminal, as FMI-LS-BUS names them."""
+
+TX_CLOCKS = ("countdown", "triggered")
+"""How the importer learns of something for an ECU: by asking again and again, or at once."""
+
+MAXIMUM = {"Rx": 1 << 16, "Tx": 2048}
+MIME_TYPE = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ecatd.description.bus import Bus
 
-from ..build import build_library
+from .. import can
+from ..build import build_library, left_out
 from ..differences import Difference, compare, lines
+from ..names import library_name
 from ..origin import dump_origin, essence, read_origin
 from .archive import member, pack, write
 from .build import build_fmu
 from .files import fixed_files
+from .identity import with_token
 from .render import render
 
 _ORIGIN = "resources/bus.json"
+_CAN = f"resources/{can.FILE}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +37,7 @@ class FmuReport:
         is_change: Whether the file is new or differs from the one before.
         differences: Changes of the bus since the file was made, by slave and connector.
         otherwise: Whether the file differs although nothing has changed on the bus.
+        notes: A sentence for all that files of CAN buses have, and the FMU has not.
     """
 
     fmu: Path
@@ -43,6 +48,7 @@ class FmuReport:
     is_change: bool
     differences: tuple[Difference, ...] = ()
     otherwise: bool = False
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Returns the report as data, for JSON."""
@@ -55,13 +61,14 @@ class FmuReport:
             "changed": self.is_change,
             "differences": [item.to_dict() for item in self.differences],
             "generator": self.otherwise,
+            "notes": list(self.notes),
         }
 
     def details(self) -> list[str]:
         """Returns the differences, one sentence per line."""
         if self.otherwise:
-            return ["the bus is the same, but the version of ecatd or FMI is not"]
-        return lines(self.differences)
+            return [*self.notes, "the bus is the same, but the version of ecatd or FMI is not"]
+        return [*self.notes, *lines(self.differences)]
 
     def summary(self) -> str:
         """Returns the report as one sentence."""
@@ -82,6 +89,7 @@ def generate_fmu(
     out: Path,
     fmi: int = 2,
     *,
+    messages: Sequence[can.CanFile] | None = None,
     check: bool = False,
 ) -> FmuReport:
     """Writes a co-simulation FMU for a bus.
@@ -93,27 +101,32 @@ def generate_fmu(
         name: Name of the model, a Modelica identifier.
         out: Directory that the file `name`.fmu is written to.
         fmi: Major version of FMI: 2 or 3.
+        messages: The messages of CAN buses behind slaves; None: those of the FMU before.
         check: Write nothing, only report what would change.
 
     Raises:
         UsageError: `name` cannot be the name of a model.
-        StateError: The file exists and was not generated, or was changed since.
+        StateError: The file exists and was not generated, or was changed since; or a terminal with
+            the CAN messages of the FMU before is gone.
         NotPermittedError: The directory cannot be written.
         EcatError: The binary is not built, or there is none for this platform.
     """
     made_from = essence(bus)
-    library = build_library(made_from, name)
+    path = out / f"{library_name(name)}.fmu"
+    earlier = can.parse(member(path, _CAN))
+    messages = can.on_bus(earlier, made_from) if messages is None else tuple(messages)
+    library = build_library(made_from, name, messages)
     fixed = fixed_files(fmi, library.name)
     fixed[_ORIGIN] = dump_origin(made_from)
+    if messages:
+        fixed[_CAN] = can.dump(messages)
     sources = [path.removeprefix("sources/") for path in fixed if path.endswith(".c")]
-    fmu = build_fmu(made_from, library, fmi, sources)
-    fmu = replace(fmu, token=_token(render(fmu) | fixed))
-    path = out / f"{fmu.name}.fmu"
+    fmu = with_token(build_fmu(made_from, library, fmi, sources), fixed)
     before = read_origin(member(path, _ORIGIN))
     changed = write(path, pack(render(fmu) | fixed), check=check)
     differences: tuple[Difference, ...] = ()
     if changed and before is not None:
-        old = build_library(before, name)
+        old = build_library(before, name, earlier)
         differences = compare((before, old), (made_from, library))
     return FmuReport(
         fmu=path,
@@ -124,13 +137,5 @@ def generate_fmu(
         is_change=changed,
         differences=differences,
         otherwise=changed and before is not None and not differences,
+        notes=left_out(library.blocks),
     )
-
-
-def _token(files: dict[str, bytes]) -> str:
-    """Returns a GUID that changes whenever a file in the FMU changes."""
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.encode() + b"\0" + files[path] + b"\0")
-    text = digest.hexdigest()
-    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"

@@ -64,7 +64,7 @@ class Variable:
         element: Name of the XML element of its type.
         attributes: Attributes of the variable.
         type_attributes: Attributes that belong to its type.
-        start_texts: Start value of a text in FMI 3.0, in which it is a separate element.
+        start_texts: Start value of a text or of bytes in FMI 3.0, which is a separate element.
         unit: Unit, or empty.
         kind: Type for the documentation, as FMI calls it.
         limits: Smallest and largest value for the documentation, or empty.
@@ -111,16 +111,34 @@ class Slave:
 
 
 @dataclass(frozen=True, slots=True)
+class BusTerminal:
+    """A bus terminal of FMI-LS-BUS, for one virtual ECU.
+
+    Attributes:
+        name: Name of the terminal, and prefix of its variables.
+        variables: Names of its variables, each with and without the prefix.
+        settings: The same for its configuration.
+    """
+
+    name: str
+    variables: tuple[tuple[str, str], ...]
+    settings: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Unknown:
     """An element of the model structure.
 
     Attributes:
         number: Index (FMI 2.0, 1 first) or value reference (FMI 3.0) of the variable.
-        dependencies: The variables on which its initial value depends, in the same form.
+        dependencies: The variables on which its initial value depends, in the same form; None if it
+            has no value then, or a constant one.
+        clock: The variable on which it depends later; empty for none.
     """
 
     number: int
-    dependencies: str
+    dependencies: str | None
+    clock: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +161,8 @@ class Fmu:
         categories: Categories of messages.
         variables: Variables by value reference.
         slaves: Slaves by position.
+        messages: The lines of CAN messages in `resources/plant.txt`.
+        bus_terminals: Bus terminals of FMI-LS-BUS; with them, the FMU has events and clocks.
         unknowns: The outputs, as elements of the model structure.
         sources: C files to compile, relative to `sources`.
     """
@@ -161,5 +181,7 @@ class Fmu:
     categories: tuple[Category, ...]
     variables: tuple[Variable, ...]
     slaves: tuple[Slave, ...]
+    messages: tuple[Code, ...]
+    bus_terminals: tuple[BusTerminal, ...]
     unknowns: tuple[Unknown, ...]
     sources: tuple[str, ...]

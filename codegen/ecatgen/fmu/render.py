@@ -35,6 +35,8 @@ def render(fmu: Fmu) -> dict[str, bytes]:
     if fmu.fmi == 3:
         files["sources/buildDescription.xml"] = "build.xml.j2"
         files["terminalsAndIcons/terminalsAndIcons.xml"] = "terminals.xml.j2"
+    if fmu.bus_terminals:
+        files["extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml"] = "manifest.xml.j2"
     return {
         path: _environment().get_template(template).render(fmu=fmu).encode()
         for path, template in files.items()

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import BusyError, NoAnswerError, UnreachableError, UsageError
+from ecatd.base.timeouts import Timeout
 
 from .arguments import add_watch, seconds, times
 from .output import print_json_line, table_lines
@@ -37,7 +38,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "words",
         nargs="*",
         metavar="ARGUMENT",
-        help="[SLAVE] and what follows. For send: frames such as 601#4000100000000000, 18FF0001#01 "
+        help="[SLAVE] and what follows. For send: frames such as 605#4000100000000000, 18FF0001#01 "
         "(8 digits: 29 bits), 123#R (remote) or 123#R4. For dump: the identifiers that are shown, "
         "such as 181 or 200-27F. For bridge: SLAVE and a CAN interface of Linux, such as vcan0. "
         "SLAVE: the terminal, by position or name, if there are several",
@@ -162,7 +163,7 @@ def _identifier(frame: CanFrame) -> str:
 
 
 def _line(frame: CanFrame, name: str, *, log: bool) -> str:
-    """A line as candump writes it; records that are no frames follow as comments."""
+    """A line as `candump -x` writes it; records that are no frames follow as comments."""
     from ecatd.client.can import wall_clock
     from ecatd.shm.contract import CanKind
 
@@ -174,7 +175,7 @@ def _line(frame: CanFrame, name: str, *, log: bool) -> str:
         return f"({wall_clock(frame.time_ns):.6f}) {name} {_identifier(frame)}#{data} {side}"
     data = "remote request" if frame.remote else frame.data.hex(" ").upper()
     side = {CanKind.RECEIVED: "RX", CanKind.SENT: "TX"}[frame.kind]
-    return f"  {name}  {side}  {_identifier(frame):>8}   [{frame.length}]  {data}".rstrip()
+    return f"  {name}  {side} - -  {_identifier(frame):>8}   [{frame.length}]  {data}".rstrip()
 
 
 def _news(frame: CanFrame) -> str:
@@ -225,7 +226,7 @@ def _document(frame: CanFrame) -> dict[str, Any]:
 def _send(options: argparse.Namespace, channel: CanChannel, words: list[str]) -> None:
     frames = [parse_frame(word) for word in words]
     if not frames:
-        raise UsageError("no frame to send: write one such as 601#4000100000000000")
+        raise UsageError("no frame to send: write one such as 605#4000100000000000")
     channel.claim()
     while True:
         for frame in frames:
@@ -245,13 +246,14 @@ def _send(options: argparse.Namespace, channel: CanChannel, words: list[str]) ->
 
 def _put(channel: CanChannel, frame: CanFrame) -> None:
     """Puts a frame into the queue as soon as there is room."""
+    patience = Timeout(_WAIT)
     end = time.monotonic() + _WAIT
     while True:
         try:
             channel.send_all([frame])
-        except BusyError:
+        except BusyError as error:
             if time.monotonic() > end:
-                raise
+                raise BusyError(f"{error}; there was no room for {patience}") from error
             time.sleep(0.002)
         else:
             return
@@ -270,7 +272,7 @@ def parse_frame(word: str) -> CanFrame:
     if match is None or len(digits) % 2:
         raise UsageError(
             f"'{word}' is no CAN frame: write identifier#data in hexadecimal digits, such as "
-            "601#4000100000000000, or identifier#R for a remote frame"
+            "605#4000100000000000, or identifier#R for a remote frame"
         )
     remote = "#R" in word.upper()
     extended = len(match[1]) > 3
@@ -363,46 +365,53 @@ def _range_text(first: int, last: int) -> str:
 
 
 def _lines(document: dict[str, Any]) -> list[str]:
-    from ecatd.shm.contract import CAN_COUNTERS
-
     if not document["channels"]:
         return ["no CAN terminal: [slave.can] in the configuration of ecatd makes a slave one"]
     lines: list[str] = []
     for item in document["channels"]:
-        state = item["state"].replace("_", "-")
-        lines += [
-            f"slave {item['slave']} ({item['slave_name']}): {item['bit_rate'] / 1000:g} kbit/s, "
-            f"identifiers of {item['identifier_bits']} bits, {state}; error counters "
-            f"{item['send_errors']} (sent), {item['receive_errors']} (received)",
-        ]
-        lines += [
-            f"  {line}"
-            for line in table_lines(
-                ("COUNTER", "", "WHAT"),
-                ((c.label, item[c.name], c.meaning) for c in CAN_COUNTERS),
-                " >",
-            )
-        ]
-        if item["safe_active"]:
-            lines.append(f"  {item['safe_active']} safe frames are being sent: a sender has ended")
-        if item["senders"]:
-            lines += [
-                f"  {line}"
-                for line in table_lines(
-                    ("SENDER", "WAITING", "SENT", "REFUSED", "LOST", "RESERVED"),
-                    (
-                        (
-                            f"{one['program'] or 'slot ' + str(one['slot'])} ({one['pid']})",
-                            "?" if one["waiting"] is None else one["waiting"],
-                            one["sent"],
-                            one["refused"],
-                            one["unsent"],
-                            ", ".join(one["reserved"]),
-                        )
-                        for one in item["senders"]
-                    ),
-                    " >>>>",
-                )
-            ]
-        lines.append("")
+        lines += [*_channel_lines(item), ""]
     return lines[:-1]
+
+
+def _channel_lines(item: dict[str, Any]) -> Iterator[str]:
+    """A channel, what is not well with it, and its senders."""
+    from ecatd.shm.contract import CAN_COUNTERS
+
+    from .terminal import alarm
+
+    state = item["state"].replace("_", "-")
+    yield (
+        f"slave {item['slave']} ({item['slave_name']}): {item['bit_rate'] / 1000:g} kbit/s, "
+        f"identifiers of {item['identifier_bits']} bits, {state}"
+    )
+    yield (
+        f"  error counters {item['send_errors']} (sent), {item['receive_errors']} (received); "
+        f"queues {item['send_queue']} and {item['receive_queue']} frames"
+    )
+    yield f"  {item['received']} frames received, {item['sent']} sent"
+    for counter in CAN_COUNTERS:
+        if counter.severity != "info" and item[counter.name]:
+            line = f"  {item[counter.name]} {counter.label}: {counter.meaning}"
+            yield alarm(line) if counter.severity == "warning" else line
+    if item["safe_active"]:
+        number = item["safe_active"]
+        what = "safe frame is" if number == 1 else "safe frames are"
+        yield alarm(f"  {number} {what} being sent: a sender has ended")
+    if item["senders"]:
+        table = table_lines(
+            ("SENDER", "PID", "WAITING", "SENT", "REFUSED", "LOST", "RESERVED"),
+            (
+                (
+                    one["program"] or f"slot {one['slot']}",
+                    one["pid"] or "?",
+                    "?" if one["waiting"] is None else one["waiting"],
+                    one["sent"],
+                    one["refused"],
+                    one["unsent"],
+                    ", ".join(one["reserved"]),
+                )
+                for one in item["senders"]
+            ),
+            " >>>>>",
+        )
+        yield from (f"  {line}" for line in table)

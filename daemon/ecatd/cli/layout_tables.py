@@ -6,7 +6,10 @@ from collections.abc import Sequence
 
 from ecatd.shm import contract as shm
 
-_OF_CLIENTS = ("ecat_out_doorbell", "ecat_out_slot", "ecat_out_image", "ecat_out_request")
+_OF_CLIENTS = (
+    *("ecat_out_doorbell", "ecat_out_slot", "ecat_out_image", "ecat_out_request"),
+    *("ecat_out_can", "ecat_out_can_frame"),
+)
 
 
 def layout_lines() -> list[str]:

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 from ecatd.base.errors import EcatError, NotPermittedError, UsageError
 from ecatd.base.paths import user_config
 
+from .arguments import slave
 from .bus_source import add_options, get_bus
 from .output import print_json
 
 if TYPE_CHECKING:
     from ecatd.description.bus import Bus
     from ecatgen import Report
-    from ecatgen.fmu import FmuReport
+    from ecatgen.can import CanFile
+    from ecatgen.fmu import FmuReport, LsBusReport
 
 COMMANDS = {
     "documents": {
@@ -53,10 +55,38 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
         "~/.config/ecatd/templates; can be given several times, the first one wins",
     )
     command.add_argument(
+        "--can",
+        action="append",
+        metavar="SLAVE=FILE[@WHO]",
+        help="make connectors of the CAN bus behind the terminal SLAVE (position or name): of a "
+        "DBC file, in which the model is the nodes WHO (such as ECU or ECU,GATEWAY; without, it "
+        "only receives), or of the PDOs of a CANopen device with the node ID WHO (EDS file); can "
+        "be given several times; later runs remember all of it, and --can none forgets it",
+    )
+    command.add_argument(
         "--fmu", action="store_true", help="write DIR/NAME.fmu instead, an FMU for co-simulation"
     )
     command.add_argument(
         "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
+    )
+    command.add_argument(
+        "--ls-bus",
+        metavar="SLAVE",
+        type=slave,
+        help="write DIR/NAME.fmu instead, an FMU whose bus terminal is the CAN bus behind this "
+        "terminal, for virtual ECUs (FMI-LS-BUS)",
+    )
+    command.add_argument(
+        "--ls-bus-ecus",
+        type=int,
+        metavar="N",
+        help="with --ls-bus: number of virtual ECUs, each with a bus terminal (default: 1)",
+    )
+    command.add_argument(
+        "--ls-bus-clock",
+        choices=("countdown", "triggered"),
+        help="with --ls-bus: kind of the clocks Tx_Clock; triggered is for tools that cannot do "
+        "countdown (default)",
     )
     _add_rewrite(command)
 
@@ -112,21 +142,47 @@ def generate(options: argparse.Namespace) -> int:
     """
     if options.fmi and not options.fmu:
         raise UsageError("--fmi is the version of an FMU: give --fmu, too")
+    if options.ls_bus is None and (options.ls_bus_ecus is not None or options.ls_bus_clock):
+        raise UsageError("--ls-bus-ecus and --ls-bus-clock are about --ls-bus: give it, too")
+    if options.fmu and options.ls_bus is not None:
+        raise UsageError("--fmu has the values of the bus, --ls-bus a CAN bus: give one of them")
+    if options.ls_bus is not None and options.can:
+        raise UsageError("--can has the meaning of frames, and with --ls-bus ECUs know it")
+    if options.ls_bus is not None and (options.force or options.templates):
+        raise UsageError(
+            "--force and --templates are about libraries: leave them out with --ls-bus"
+        )
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
     bus, more = get_bus(options)
     return _print_report(options, _generate(bus, options), {"bus": bus.name, **more})
 
 
-def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
+def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport | LsBusReport:
     from ecatgen import fmu, generate  # only this command needs the templates
 
     name, out, check = options.name, options.out, options.check
+    messages = _messages(bus, options.can)
     if options.fmu:
-        return fmu.generate_fmu(bus, name, out, options.fmi or 2, check=check)
+        return fmu.generate_fmu(bus, name, out, options.fmi or 2, messages=messages, check=check)
+    if options.ls_bus is not None:
+        ecus = 1 if options.ls_bus_ecus is None else options.ls_bus_ecus
+        clock = options.ls_bus_clock or "countdown"
+        return fmu.generate_ls_bus(bus, name, out, options.ls_bus, ecus, clock, check=check)
     standard = user_config("templates")
     templates = [*options.templates, *([standard] if standard.is_dir() else [])]
-    return generate(bus, name, out, templates, check=check, force=options.force)
+    return generate(bus, name, out, templates, messages=messages, check=check, force=options.force)
+
+
+def _messages(bus: Bus, texts: list[str] | None) -> list[CanFile] | None:
+    """The messages of all files of `--can`; None without the option."""
+    from ecatgen import can
+
+    if texts is None:
+        return None
+    if texts == [can.NONE]:
+        return []
+    return [can.read_request(request, bus) for request in map(can.parse_option, texts)]
 
 
 def library(options: argparse.Namespace) -> int:
@@ -167,7 +223,7 @@ def _openmodelica_folder() -> Path:
 
 
 def _print_report(
-    options: argparse.Namespace, report: Report | FmuReport, more: dict[str, Any]
+    options: argparse.Namespace, report: Report | FmuReport | LsBusReport, more: dict[str, Any]
 ) -> int:
     last = report.would() if options.check else report.summary()
     _print(options, {**more, **report.to_dict()}, *report.details(), last)

@@ -239,6 +239,8 @@ def _outputs(document: Document) -> list[str]:
         if row["state"] == "copied" and row["cause"] in ("start", "source"):
             source = row["source"] or "an input that does not exist"
             return f"from {source}{', not valid' * (row['cause'] == 'source')}"
+        if row["state"] == "can":
+            return "ecatd: frames of a CAN bus"
         return str(_REASONS.get(row["cause"], row["cause"]))
 
     def table(room: int) -> list[str]:

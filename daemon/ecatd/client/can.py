@@ -12,6 +12,7 @@ from typing import NamedTuple
 from ecatd.base.errors import UnreachableError, UsageError
 from ecatd.shm.contract import CAN_EXTENDED, CAN_ID, CAN_REMOTE, CanKind, CanState
 
+from .arguments import seconds
 from .connection import Connection
 from .structs import CAN_FRAME, QUICK, WAITING, CanFrameStruct, CanInfoStruct, CanRangeStruct
 
@@ -126,7 +127,7 @@ class CanChannel:
     with Client("ecat0") as bus:
         can = bus.can(6)
         can.claim()
-        can.send(0x601, bytes.fromhex("40 00 10 00 00 00 00 00"))
+        can.send(0x605, bytes.fromhex("40 00 10 00 00 00 00 00"))
         can.wait(1.0)
         for frame in can.read():
             print(f"{frame.identifier:03X} {frame.data.hex(' ')}")
@@ -223,6 +224,7 @@ class CanChannel:
             UsageError: An argument is out of range.
         """
         ranges = [_range(item) for item in reserve]
+        lease = seconds("lease", lease)
         array = (CanRangeStruct * len(ranges))(*ranges)
         try:
             self._claim(lease, array)
@@ -335,12 +337,28 @@ def frame(
 
 
 def _range(item: int | Range) -> CanRangeStruct:
-    first, last = (item, item) if isinstance(item, int) else item
+    if isinstance(item, int):
+        first = last = item
+    elif isinstance(item, tuple | list) and len(item) == 2 and all(type(n) is int for n in item):
+        first, last = item
+    else:
+        raise UsageError(f"{item!r} is no identifier, nor a pair of the first and the last one")
+    if not 0 <= first <= CAN_EXTENDED | CAN_ID or not 0 <= last <= CAN_EXTENDED | CAN_ID:
+        raise UsageError(f"{item!r} is out of range: identifiers go from 0 to 0x{CAN_ID:X}")
     if last & CAN_ID > 0x7FF:
         first, last = first | CAN_EXTENDED, last | CAN_EXTENDED
     return CanRangeStruct(first, last)
 
 
+_STEP_NS = 1_000_000
+"""How far the two clocks may part before the times of frames follow."""
+_epoch_ns = 0  # CLOCK_REALTIME less CLOCK_MONOTONIC
+
+
 def wall_clock(time_ns: int) -> float:
-    """A time of CLOCK_MONOTONIC in ns as seconds since 1970."""
-    return time.time() - (time.monotonic_ns() - time_ns) * 1e-9
+    """A time of CLOCK_MONOTONIC in ns as seconds since 1970; equal times stay equal."""
+    global _epoch_ns
+    now = time.time_ns() - time.monotonic_ns()
+    if abs(now - _epoch_ns) > _STEP_NS:
+        _epoch_ns = now
+    return (_epoch_ns + time_ns) / 1e9

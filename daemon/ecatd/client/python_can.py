@@ -6,6 +6,7 @@ imports this module.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -24,6 +25,7 @@ from can import (
 from can.typechecking import AutoDetectedConfig
 
 from ecatd.base.errors import BusyError, EcatError, LeaseError, NoAnswerError, UnreachableError
+from ecatd.base.timeouts import Timeout
 from ecatd.shm.contract import CanKind, CanState
 from ecatd.shm.files import buses
 
@@ -31,6 +33,8 @@ from .can import CanChannel, CanFrame, Range, frame, wall_clock
 from .can_errors import error_frame
 from .client import Client
 
+_LOOK = 0.1
+"""Seconds until a thread that receives notices that the bus was shut down."""
 _PAUSE = 0.05
 """Seconds between two looks for a daemon that has gone."""
 _FLUSH = 1.0
@@ -50,7 +54,10 @@ class EcatdBus(BusABC):
     that the others have sent. A frame comes back with `receive_own_messages` when the terminal has
     confirmed that it was sent. Time stamps are those of the EtherCAT cycle.
 
-    One thread may receive while another one sends.
+    Any thread may send or receive: those that send take turns, and so do those that receive.
+
+    Only `shutdown`, or the end of a `with` without an exception, ends it in order. Otherwise the
+    program counts as lost, and the safe frames are sent.
 
     Args:
         channel: Bus and terminal, such as `ecat0/6` or `ecat0/gripper`; without a slash, the
@@ -90,6 +97,7 @@ class EcatdBus(BusABC):
         self._reserve, self._lease = tuple(reserve), lease
         self._news: deque[CanFrame] = deque()
         self._claimed = False
+        self._sending, self._receiving = threading.Lock(), threading.Lock()
         # Each claim gives this bus another number as a sender, and each daemon counts anew. Frames
         # with an earlier number may still come.
         self._numbers: set[tuple[int, int]] = set()
@@ -117,8 +125,14 @@ class EcatdBus(BusABC):
     # --- receiving --------------------------------------------------------------------------------
 
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
+        with self._receiving:
+            return self._receive(timeout)
+
+    def _receive(self, timeout: float | None) -> tuple[Message | None, bool]:
         end = None if timeout is None else time.monotonic() + timeout
         while True:
+            if self._is_shutdown:
+                raise CanOperationError("this bus was shut down")
             while self._news:
                 if (message := self._message(self._news.popleft())) is not None:
                     return message, False
@@ -126,13 +140,12 @@ class EcatdBus(BusABC):
                 self._news.extend(self._in.read())
                 if self._news:
                     continue
-                left = 3600.0 if end is None else max(0.0, end - time.monotonic())
+                left = _LOOK if end is None else end - time.monotonic()
                 if left <= 0:
                     return None, False
-                self._in.wait(left)
+                self._in.wait(min(left, _LOOK))
             except NoAnswerError:
-                if end is not None:
-                    return None, False
+                continue
             except UnreachableError:  # reading goes on as soon as the daemon is back
                 if end is not None and time.monotonic() + _PAUSE > end:
                     return None, False
@@ -193,6 +206,12 @@ class EcatdBus(BusABC):
         if msg.is_fd:
             raise CanOperationError("EtherCAT terminals have no CAN FD: send a frame of CAN 2.0")
         end = None if timeout is None else time.monotonic() + timeout
+        with self._sending:
+            self._put(msg, timeout, end)
+
+    def _put(self, msg: Message, timeout: float | None, end: float | None) -> None:
+        if self._is_shutdown:
+            raise CanOperationError("this bus was shut down")
         try:
             one = frame(
                 msg.arbitration_id,
@@ -210,7 +229,8 @@ class EcatdBus(BusABC):
                     if end is None and self._out.info.state not in _STATES:
                         raise CanOperationError(str(error)) from error
                     if end is not None and time.monotonic() >= end:
-                        raise CanTimeoutError(str(error)) from error
+                        patience = Timeout(timeout or 0, "timeout")
+                        raise CanTimeoutError(f"{error}; no room in {patience}") from error
                     self._writer.wait(1, 1.0)
                 else:
                     return
@@ -225,27 +245,40 @@ class EcatdBus(BusABC):
         Raises:
             CanOperationError: Some still wait.
         """
-        if not self._claimed:
-            return
-        try:
-            self._out.flush(_FLUSH)
-        except EcatError as error:
-            raise CanOperationError(str(error)) from error
+        with self._sending:
+            if not self._claimed:
+                return
+            try:
+                self._out.flush(_FLUSH)
+            except EcatError as error:
+                raise CanOperationError(str(error)) from error
 
     def shutdown(self) -> None:
         """Sends what waits, for a second at most, and gives the place of this bus back."""
+        self._end(in_order=True)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._end(in_order=kind is None)
+
+    def __del__(self) -> None:
+        if not self._is_shutdown:
+            self._end(in_order=False)
+
+    def _end(self, *, in_order: bool) -> None:
+        """Ends this bus; unless in order, the daemon sends the safe frames."""
         if self._is_shutdown:
             return
         super().shutdown()
         if not hasattr(self, "_out"):  # the constructor has failed
             return
-        if self._claimed and not self._writer.closed:
-            with suppress(EcatError):  # then the daemon drops what still waits
-                self._out.flush(_FLUSH)
-                self._out.release()
-        for client in (self._writer, self._reader):
-            with suppress(EcatError):  # another thread still receives; it ends with its next call
-                client.close()
+        with self._sending:
+            if self._claimed and in_order and not self._writer.closed:
+                with suppress(EcatError):  # then the daemon drops what still waits
+                    self._out.flush(_FLUSH)
+                    self._out.release()
+            self._writer.close()
+        with self._receiving:  # a thread that receives ends within `_LOOK`
+            self._reader.close()
 
     # --- state ------------------------------------------------------------------------------------
 

@@ -673,6 +673,26 @@ def terminal_called(key: str) -> Terminal | None:
     return next((t for t in TERMINALS if t.key == key), None)
 
 
+def may_be_terminal(vendor: int, product: int, input_bytes: int, output_bytes: int) -> bool:
+    """Whether a slave is a known terminal, or has process data as one with queues of some length.
+
+    Args:
+        vendor: Its vendor ID.
+        product: Its product code.
+        input_bytes: Bytes of its inputs.
+        output_bytes: Bytes of its outputs.
+    """
+    if terminal_of(vendor, product) is not None:
+        return True
+    lengths = range(1, 256)
+    return any(
+        input_bytes in map(layout.input_bytes, lengths)
+        and output_bytes in map(layout.output_bytes, lengths)
+        for terminal in TERMINALS
+        for layout in terminal.layouts.values()
+    )
+
+
 def covers(ranges: Iterable[tuple[int, int]], identifier: int) -> bool:
     """Whether an identifier is in one of the ranges."""
     return any(first <= identifier <= last for first, last in ranges)

@@ -49,8 +49,8 @@ class Fault(Map):
 
     #: Of the exchange: `unsent`, `lost`, `late` or `working_counter`. Of an interface: `link`,
     #: `sending`, `mtu`, `duplex`, `speed`, `bridge`, `vlan`, `ring` or `foreign_master`. Of clocks:
-    #: `clock`. Of a cable: `cable`. Of a drive: `drive`. Of a condition of the flight recorder that
-    #: is not used: `recorder`.
+    #: `clock`. Of a cable: `cable`. Of a drive: `drive`. Of a CAN bus behind a terminal: `can`. Of
+    #: a condition of the flight recorder that is not used: `recorder`.
     kind: str
     text: str  #: What is wrong, why, and what to do.
     since: float  #: Unix time in seconds since which it is so.

@@ -1,4 +1,4 @@
-"""What is wrong with the exchange of a bus, its interfaces, cables or drives."""
+"""What is wrong with the exchange of a bus, its interfaces, cables, drives or CAN buses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ CABLE = "cable"
 """The kind of fault of a cable that is much worse than it was."""
 DRIVE = "drive"
 """The kind of fault that a drive itself reports."""
-
+CAN = "can"
+"""The kind of fault of a CAN bus behind a terminal."""
 RECORDER = "recorder"
 """The kind of fault of a condition of the flight recorder that is not used."""
 
@@ -23,8 +24,8 @@ class Fault:
     """Something that is wrong now."""
 
     #: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`, `duplex`,
-    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; `CABLE`; `DRIVE`; or
-    #: `RECORDER`.
+    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; `CABLE`; `DRIVE`; `CAN`;
+    #: or `RECORDER`.
     kind: str
     text: str  #: What is wrong, why, and what to do.
     since: float = 0.0  #: Unix time in seconds since which it is so.

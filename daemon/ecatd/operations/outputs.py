@@ -53,7 +53,7 @@ class Output(Map):
     address: str  #: Its address, as `0x7000:01`.
     #: `safe`: it has no owner; `claimed`: its owner has not written it, so it is still safe;
     #: `active`: its owner has written it; `stopping`: ecatd brings the drive to a stop; `copied`:
-    #: an input is copied to it.
+    #: an input is copied to it; `can`: ecatd exchanges CAN frames with it.
     state: str
     owner: int  #: Place of its owner in `owners`; -1 for none.
     #: Why it is safe, or was so last: `start`, `released`, `lapsed`, `gone`, `stopping`, `wkc`,

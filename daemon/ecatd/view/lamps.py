@@ -15,7 +15,7 @@ from typing import Any, Literal, TypedDict
 
 from ecatd.base.errors import EcatError
 from ecatd.etg.al import AlState
-from ecatd.operations.faults import DRIVE, EXCHANGE, RECORDER, WORKING_COUNTER, Fault
+from ecatd.operations.faults import CAN, DRIVE, EXCHANGE, RECORDER, WORKING_COUNTER, Fault
 from ecatd.operations.health import Health, look_at, row_label
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import Snapshot, from_map
@@ -349,9 +349,9 @@ def _in_op(health: Health) -> _Found:
         return _Found("unknown", health.silence)
     if health.in_op < health.expected:
         return _Found("bad", health.counts)
-    if drive := _fault(health, (DRIVE,)):
-        text = f"{health.counts}, but {drive.text}"
-        return _Found("bad", text, drive.since, drive.slaves[0])
+    if own := _fault(health, (DRIVE, CAN)):
+        text = f"{health.counts}, but {own.text}"
+        return _Found("bad", text, own.since, own.slaves[0])
     return _Found("good", health.counts)
 
 
@@ -379,7 +379,7 @@ def _link(
     why_not: str,
     states: Mapping[str, Any] | None,
 ) -> _Found:
-    others = {*EXCHANGE, "clock", DRIVE, RECORDER}
+    others = {*EXCHANGE, "clock", DRIVE, CAN, RECORDER}
     if health:
         faults = [fault for fault in health.faults if fault.kind not in others]
         if faults:
@@ -436,6 +436,7 @@ def _drivers(outputs: Mapping[str, Any]) -> _Found:
         text = f"{reason}: {len(unsafe)} of {len(rows)} outputs are safe, such as {first['name']}"
         return _Found("bad", text, first["since"], first["slave"])
     driven = Counter(row["owner"] for row in rows if row["owner"] >= 0)
+    rows = [row for row in rows if row["state"] != "can"]  # the words of a handshake
     copied = sum(row["state"] == "copied" for row in rows)
     if not driven and not copied:
         return _Found("good", f"nobody drives the {len(rows)} outputs, so they are safe")

@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses graph slaves pdos state states can read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --address-file --allow --as --backup --before --bus --certificate --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --key --kind --last --latency --logins --mac --machine --name --out --output --password --port --raw --root --seconds --severity --signal --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_opts_with_value --address --address-file --allow --as --backup --before --bus --can --certificate --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --key --kind --last --latency --logins --ls-bus --ls-bus-clock --ls-bus-ecus --mac --machine --name --out --output --password --port --raw --root --seconds --severity --signal --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -593,8 +593,12 @@ complete -c ecatctl -n '_shtab_ecatctl_using generate' -l devices -x -d 'with ES
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'with a rig or ESI files: configuration of the daemon (cycle time, domains, units)'
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l strict -d 'refuse ESI files with mistakes (default: warn about each mistake, and leave that part out)'
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l templates -xka "(__fish_complete_directories)" -d 'folder with your own templates, which replace those of the same name in ~/.config/ecatd/templates; can be given several times, the first one wins'
+complete -c ecatctl -n '_shtab_ecatctl_using generate' -l can -x -d 'make connectors of the CAN bus behind the terminal SLAVE (position or name): of a DBC file, in which the model is the nodes WHO (such as ECU or ECU,GATEWAY; without, it only receives), or of the PDOs of a CANopen device with the node ID WHO (EDS file); can be given several times; later runs remember all of it, and --can none forgets it'
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l fmu -d 'write DIR/NAME.fmu instead, an FMU for co-simulation'
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l fmi -xka "2 3" -d 'with --fmu: version of FMI (default: 2)'
+complete -c ecatctl -n '_shtab_ecatctl_using generate' -l ls-bus -x -d 'write DIR/NAME.fmu instead, an FMU whose bus terminal is the CAN bus behind this terminal, for virtual ECUs (FMI-LS-BUS)'
+complete -c ecatctl -n '_shtab_ecatctl_using generate' -l ls-bus-ecus -x -d 'with --ls-bus: number of virtual ECUs, each with a bus terminal (default: 1)'
+complete -c ecatctl -n '_shtab_ecatctl_using generate' -l ls-bus-clock -xka "countdown triggered" -d 'with --ls-bus: kind of the clocks Tx_Clock; triggered is for tools that cannot do countdown (default)'
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l check -d 'write nothing, and say what would change; the exit status is 1 if anything would'
 complete -c ecatctl -n '_shtab_ecatctl_using generate' -l force -d 'also replace generated files that were changed by hand, and keep the old ones as FILE.orig'
 complete -c ecatctl -n '_shtab_ecatctl_using generate; and test $_shtab_ecatctl_npos -eq 1' -ka "(__fish_complete_directories)" -d 'folder for the library'

@@ -129,6 +129,11 @@ class Member(Protocol):
         """Makes a step."""
 
     @property
+    def application(self) -> dict[str, str | float]:
+        """What its application does."""
+        ...
+
+    @property
     def check_results(self) -> list[CheckStatus]:
         """What its checks have found."""
         ...

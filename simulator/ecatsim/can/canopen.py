@@ -165,6 +165,11 @@ class CanopenNode(CanNode):
         entries[1].value = code
         entries[0].value = min(_ERRORS_KEPT, self._number(0x1003, 0) + 1)
 
+    @property
+    def application(self) -> dict[str, str | float]:
+        """Its NMT state."""
+        return {"nmt": self.state.name.lower().replace("_", "-")}
+
     def _access_state(self) -> AlState:
         """The state by which objects can be written; those of EtherCAT count as CANopen's."""
         operational = self.state == NmtState.OPERATIONAL

@@ -125,6 +125,11 @@ class CanNode:
         return self.bus.node_status(self.place)
 
     @property
+    def application(self) -> dict[str, str | float]:
+        """What its application does, for those who look at the simulator."""
+        return {}
+
+    @property
     def check_results(self) -> list[CheckStatus]:
         """What its checks have found."""
         return [self.bus.check_status(self.place, i) for i in range(len(self._checks))]

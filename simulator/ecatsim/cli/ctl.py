@@ -212,9 +212,17 @@ def _print_can(result: dict[str, Any]) -> None:
             sep="",
         )
         _print_table(
-            ["node", "name", "slave", *(name.replace("_", " ") for name in columns)],
             [
-                [place, node["name"], slaves.get(place, "-"), *(node[name] for name in columns)]
+                *("node", "name", "slave"),
+                *(name.replace("_", " ") for name in columns),
+                "application",
+            ],
+            [
+                [
+                    *(place, node["name"], slaves.get(place, "-")),
+                    *(node[name] for name in columns),
+                    ", ".join(f"{name} {value}" for name, value in node["application"].items()),
+                ]
                 for place, node in enumerate(bus["nodes"])
             ],
         )

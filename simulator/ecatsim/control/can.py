@@ -19,14 +19,15 @@ def can_bus(simulation: Simulation, bus: CanBus) -> dict[str, Any]:
         for position, device in enumerate(simulation.rig.devices)
         if isinstance(device, CanTerminal) and device.can.bus is bus
     ]
-    checks = {node.place: node.check_results for node in bus.nodes}
+    given = {node.place: node for node in bus.nodes}
     nodes = []
     for place, name in enumerate(bus.places):
-        status = bus.node_status(place)
+        status, node = bus.node_status(place), given.get(place)
         nodes.append(
             {"name": name}
             | to_map(status)
             | {"state": status.state.name.lower().replace("_", " ")}
-            | {"checks": [to_map(found) for found in checks.get(place, ())]}
+            | {"checks": [to_map(found) for found in node.check_results] if node else []}
+            | {"application": node.application if node else {}}
         )
     return {"name": bus.name, "terminals": terminals, "nodes": nodes} | to_map(bus.status())

@@ -13,12 +13,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ecatd.etg.pdo import Value
+from ecatd.etg.pdo import Entry, Value
 from ecatgen import ir
 from ecatgen.render import FILTERS
 
 CLASSES = (
     *(ir.Library, ir.Block, ir.Connector, Value, ir.Skipped),
+    *(ir.Can, ir.CanMessage, ir.CanSignal, Entry),
     *(ir.Drive, ir.DriveLine, ir.DriveParameter),
     *(ir.Channels, ir.Vector),
     *(ir.Example, ir.Component, ir.Connection, ir.Variable, ir.Extent, ir.Point),

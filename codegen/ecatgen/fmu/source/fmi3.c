@@ -1,13 +1,12 @@
 /* The functions of FMI 3.0 (co-simulation). */
 #include <stdlib.h>
 
-#include "plant.h"
+#include "ls_bus.h"
 #include "fmi/fmi3Functions.h"
 
 #define STATE(name) (1u << PLANT_##name)
-#define ALWAYS (STATE(INSTANTIATED) | STATE(INITIALIZATION) | STATE(STEPS) | STATE(TERMINATED) | \
-                STATE(FAILED))
-#define SETTINGS (STATE(INSTANTIATED) | STATE(INITIALIZATION) | STATE(STEPS))
+#define ALWAYS (SETTINGS | STATE(TERMINATED) | STATE(FAILED))
+#define SETTINGS (STATE(INSTANTIATED) | STATE(INITIALIZATION) | STATE(STEPS) | STATE(EVENTS))
 
 typedef struct instance {
   plant *plant; /* first: fmi3_refused.c relies on it */
@@ -59,12 +58,15 @@ fmi3Instance fmi3InstantiateCoSimulation(
   if (self == NULL) return NULL;
   self->log = log;
   self->environment = environment;
-  if (event_mode || intermediate_count > 0)
-    write_log(self, PLANT_ERROR, "logStatusError",
-              "this FMU has no event mode and no intermediate variables");
+  if (intermediate_count > 0)
+    write_log(self, PLANT_ERROR, "logStatusError", "this FMU has no intermediate variables");
   else
     self->plant = plant_new(token, resources, write_log, self, logging);
-  if (self->plant != NULL) return self;
+  if (self->plant != NULL && event_mode == (self->plant->ls_bus != NULL)) return self;
+  if (self->plant != NULL)
+    write_log(self, PLANT_ERROR, "logStatusError",
+              event_mode ? "this FMU has no event mode" : "this FMU has clocks, so it needs the event mode");
+  plant_free(self->plant);
   free(self);
   return NULL;
 }
@@ -99,7 +101,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
 }
 
 fmi3Status fmi3Terminate(fmi3Instance c) {
-  plant *p = allowed(c, "fmi3Terminate", STATE(STEPS) | STATE(FAILED));
+  plant *p = allowed(c, "fmi3Terminate", STATE(STEPS) | STATE(EVENTS) | STATE(FAILED));
   return p == NULL ? fmi3Error : (fmi3Status)plant_terminate(p);
 }
 
@@ -116,7 +118,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
   (void)no_set_state;
   if (p == NULL) return fmi3Error;
   status = plant_step(p, time, step);
-  if (events != NULL) *events = fmi3False;
+  if (events != NULL) *events = status == PLANT_OK && ls_bus_has_event(p);
   if (terminate != NULL) *terminate = fmi3False;
   if (early != NULL) *early = fmi3False;
   if (reached != NULL) *reached = p->time;

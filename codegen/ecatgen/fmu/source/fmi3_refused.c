@@ -1,5 +1,5 @@
 /* The functions of FMI 3.0 that the model description says are not supported: other interface types,
- * states, events, clocks, arrays and derivatives. */
+ * states, arrays, derivatives, and intervals that an importer sets. */
 #include <stddef.h>
 
 #include "plant.h"
@@ -35,16 +35,10 @@ fmi3Instance fmi3InstantiateScheduledExecution(
 
 #define LIST fmi3Instance c, const fmi3ValueReference references[], size_t count
 
-REFUSED(fmi3EnterEventMode, fmi3Instance c)
-REFUSED(fmi3EnterStepMode, fmi3Instance c)
 REFUSED(fmi3EnterConfigurationMode, fmi3Instance c)
 REFUSED(fmi3ExitConfigurationMode, fmi3Instance c)
 REFUSED(fmi3GetFloat32, LIST, fmi3Float32 values[], size_t value_count)
 REFUSED(fmi3SetFloat32, LIST, const fmi3Float32 values[], size_t value_count)
-REFUSED(fmi3GetBinary, LIST, size_t sizes[], fmi3Binary values[], size_t value_count)
-REFUSED(fmi3SetBinary, LIST, const size_t sizes[], const fmi3Binary values[], size_t value_count)
-REFUSED(fmi3GetClock, LIST, fmi3Clock values[])
-REFUSED(fmi3SetClock, LIST, const fmi3Clock values[])
 REFUSED(fmi3GetNumberOfVariableDependencies, fmi3Instance c, fmi3ValueReference reference,
         size_t *count)
 REFUSED(fmi3GetVariableDependencies, fmi3Instance c, fmi3ValueReference dependent,
@@ -65,19 +59,12 @@ REFUSED(fmi3GetAdjointDerivative, fmi3Instance c, const fmi3ValueReference unkno
         size_t unknown_count, const fmi3ValueReference knowns[], size_t known_count,
         const fmi3Float64 seed[], size_t seed_count, fmi3Float64 sensitivity[],
         size_t sensitivity_count)
-REFUSED(fmi3GetIntervalDecimal, LIST, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-REFUSED(fmi3GetIntervalFraction, LIST, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-        fmi3IntervalQualifier qualifiers[])
 REFUSED(fmi3GetShiftDecimal, LIST, fmi3Float64 shifts[])
 REFUSED(fmi3GetShiftFraction, LIST, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
 REFUSED(fmi3SetIntervalDecimal, LIST, const fmi3Float64 intervals[])
 REFUSED(fmi3SetIntervalFraction, LIST, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
 REFUSED(fmi3SetShiftDecimal, LIST, const fmi3Float64 shifts[])
 REFUSED(fmi3SetShiftFraction, LIST, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-REFUSED(fmi3EvaluateDiscreteStates, fmi3Instance c)
-REFUSED(fmi3UpdateDiscreteStates, fmi3Instance c, fmi3Boolean *need_update, fmi3Boolean *terminate,
-        fmi3Boolean *nominals_changed, fmi3Boolean *values_changed, fmi3Boolean *next_defined,
-        fmi3Float64 *next)
 REFUSED(fmi3EnterContinuousTimeMode, fmi3Instance c)
 REFUSED(fmi3CompletedIntegratorStep, fmi3Instance c, fmi3Boolean no_set_state,
         fmi3Boolean *event_mode, fmi3Boolean *terminate)

@@ -3,6 +3,7 @@
 #define _GNU_SOURCE
 #endif
 #include "plant.h"
+#include "ls_bus.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -79,6 +80,10 @@ plant *plant_new(const char *token, const char *resources, plant_log *log, void 
     ecat_session_fail(&p->session, -1, "the importer asks for a model with token '%s', but "
                       "resources/plant.txt is of '%s': files of two FMUs were mixed",
                       token == NULL ? "" : token, p->token);
+  if (p->session.problem[0] == '\0' && p->ecu_count > 0) {
+    p->session.settings.check = ls_bus_found;
+    if ((p->ls_bus = ls_bus_new(p->ecu_count)) == NULL) ecat_session_fail(&p->session, -1, "out of memory");
+  }
   if (p->session.problem[0] != '\0') {
     plant_say(p, PLANT_ERROR, "%s", p->session.problem);
     plant_unload(p);
@@ -92,6 +97,7 @@ plant *plant_new(const char *token, const char *resources, plant_log *log, void 
 void plant_free(plant *p) {
   if (p == NULL) return;
   ecat_session_end(&p->session);
+  ls_bus_free(p->ls_bus);
   plant_unload(p);
   free(p->bus_name);
   free(p);
@@ -99,7 +105,7 @@ void plant_free(plant *p) {
 
 int plant_allow(plant *p, const char *call, unsigned states) {
   static const char *const names[] = {"before the initialization", "during the initialization",
-                                      "between steps", "after the end", "after an error"};
+                                      "between steps", "in event mode", "after the end", "after an error"};
   if (states >> p->state & 1u) return PLANT_OK;
   return plant_say(p, PLANT_ERROR, "%s is not allowed %s", call, names[p->state]);
 }
@@ -110,6 +116,7 @@ void plant_detach(plant *p) {
 }
 
 int plant_terminate(plant *p) {
+  if (p->ls_bus != NULL) ls_bus_flush(p);
   plant_detach(p);
   p->state = PLANT_TERMINATED;
   plant_event(p, "the outputs of bus '%s' are released", p->bus_name);
@@ -134,6 +141,22 @@ static int publish_entry(plant_variable *v) {
   return code;
 }
 
+static void publish_can(plant *p, plant_variable *v) {
+  const ecat_session_message *message = &p->messages[v->message].on_bus;
+  ecat_can_info info;
+  int state = ecat_session_can_state(&p->slaves[v->slave].on_bus, &info);
+  if (v->role == ROLE_CAN_STATE) v->value.integer = state;
+  if (v->role == ROLE_CAN_SEND_ERRORS) v->value.integer = info.send_errors;
+  if (v->role == ROLE_CAN_RECEIVE_ERRORS) v->value.integer = info.receive_errors;
+  if (v->role == ROLE_CAN_VALID) v->value.integer = message->valid;
+  if (v->role == ROLE_CAN_AGE) v->value.real = message->age;
+  if (v->role == ROLE_CAN_COUNT) v->value.integer = (int64_t)(message->count & 0x7FFFFFFF);
+  if (v->role != ROLE_CAN_OUTPUT) return;
+  v->value.real = ecat_session_can_read(&v->signal);
+  v->value.integer = ecat_session_can_read_int(&v->signal);
+  if (v->type == PLANT_BOOLEAN) v->value.integer = v->value.integer != 0;
+}
+
 /* Updates all outputs. Without a bus, entries keep their last values, and the diagnostics say that there
  * is no bus. */
 static int publish(plant *p) {
@@ -153,8 +176,10 @@ static int publish(plant *p) {
     if (v->role == ROLE_VALID) v->value.integer = slave->valid;
     if (v->role == ROLE_AL_STATE) v->value.integer = slave->al_state;
     if (v->role == ROLE_AL_STATUS_CODE) v->value.integer = slave->al_code;
+    if (v->role >= ROLE_CAN_STATE && v->role <= ROLE_CAN_OUTPUT) publish_can(p, v);
     if (v->role == ROLE_OUTPUT) code = publish_entry(v);
   }
+  if (p->ls_bus != NULL) ls_bus_publish(p);
   return code;
 }
 
@@ -183,6 +208,7 @@ int plant_begin(plant *p) {
   session->settings.require_op = plant_integer(p, ROLE_REQUIRE_OPERATIONAL) != 0;
   code = ecat_session_begin(session);
   if (code == 0) code = ecat_session_sample(session);
+  if (code == 0 && p->ls_bus != NULL) code = ls_bus_exchange(p);
   p->begun = 1;
   if (code == 0 && session->outage == 0)
     plant_event(p, "attached to bus '%s', cycle %d", p->bus_name, session->cycle);
@@ -191,7 +217,7 @@ int plant_begin(plant *p) {
 
 int plant_leave_initialization(plant *p) {
   int status = p->begun ? PLANT_OK : plant_begin(p);
-  if (status == PLANT_OK) p->state = PLANT_STEPS;
+  if (status == PLANT_OK) p->state = p->ls_bus != NULL ? PLANT_EVENTS : PLANT_STEPS;
   return status;
 }
 
@@ -201,7 +227,10 @@ static int write_inputs(plant *p) {
   int code = 0;
   for (i = 0; i < p->slave_count && code == 0; i++)
     if (p->slaves[i].on_bus.writes) code = ecat_session_stage(&p->slaves[i].on_bus);
-  return code != 0 ? code : ecat_session_commit(&p->session);
+  if (code == 0) code = ecat_session_commit(&p->session);
+  for (i = 0; i < p->message_count && code == 0; i++)
+    if (p->messages[i].active) code = ecat_session_can_send(&p->messages[i].on_bus, 0);
+  return code;
 }
 
 /* Waits for as many bus cycles as a step has, and keeps the remaining part of a cycle for the next step. */
@@ -224,7 +253,10 @@ int plant_step(plant *p, double time, double step) {
   code = write_inputs(p);
   if (code == 0) code = pace(p, time, step);
   if (code == 0) code = ecat_session_sample(&p->session);
+  if (code == 0 && p->ls_bus != NULL) code = ls_bus_exchange(p);
   status = settle(p, code);
   if (status == PLANT_OK) p->time = time + step;
   return status;
 }
+
+int plant_update(plant *p) { return settle(p, ls_bus_event(p)); }

@@ -3,6 +3,8 @@
  *
  *     doStep:  commit all inputs of the FMU -> wait for the bus -> take one image of all outputs
  *
+ * With bus terminals, ls_bus.h goes on from there.
+ *
  * The file resources/plant.txt lists the variables (table.c), so that one binary serves every bus.
  * Instances share nothing. No function here ends the process or changes the locale.
  */
@@ -21,6 +23,7 @@ enum plant_state {
   PLANT_INSTANTIATED,
   PLANT_INITIALIZATION,
   PLANT_STEPS,
+  PLANT_EVENTS, /* the event mode, of an FMU with bus terminals */
   PLANT_TERMINATED,
   PLANT_FAILED /* only reading values, reset and freeing are possible */
 };
@@ -40,6 +43,8 @@ enum plant_type {
   PLANT_UINT32,
   PLANT_INT64,
   PLANT_UINT64,
+  PLANT_BINARY,
+  PLANT_CLOCK,
   PLANT_TYPES
 };
 
@@ -61,11 +66,29 @@ enum plant_role {
   ROLE_MISSED,
   ROLE_WORKING_COUNTER,
   ROLE_WORKING_COUNTER_EXPECTED,
-  ROLE_VALID, /* this role and the next two belong to a slave */
+  ROLE_VALID, /* this role and the next five belong to a slave */
   ROLE_AL_STATE,
   ROLE_AL_STATUS_CODE,
+  ROLE_CAN_STATE,
+  ROLE_CAN_SEND_ERRORS,
+  ROLE_CAN_RECEIVE_ERRORS,
+  ROLE_CAN_VALID, /* this role and the next two belong to a CAN message */
+  ROLE_CAN_AGE,
+  ROLE_CAN_COUNT,
+  ROLE_CAN_INPUT,  /* CAN signal that the FMU sends */
+  ROLE_CAN_OUTPUT, /* CAN signal that the FMU receives */
   ROLE_INPUT,  /* entry that the FMU writes to the bus */
   ROLE_OUTPUT, /* entry that the FMU reads from the bus */
+  ROLE_INTERVAL, /* a parameter; this role and those below are of an FMU with bus terminals (ls_bus.h) */
+  ROLE_FRAMES_SENT,
+  ROLE_FRAMES_RECEIVED,
+  ROLE_OPERATIONS_REFUSED,
+  ROLE_OPERATIONS_LOST,
+  ROLE_BUS_NOTIFICATIONS, /* this role and those below belong to an ECU */
+  ROLE_RX_CLOCK,
+  ROLE_RX_DATA,
+  ROLE_TX_CLOCK,
+  ROLE_TX_DATA,
   ROLES
 };
 
@@ -81,12 +104,21 @@ typedef struct plant_slave {
   char *given_name, *label;
 } plant_slave;
 
+/* A message of the CAN bus behind a slave. */
+typedef struct plant_message {
+  ecat_session_message on_bus;
+  int active; /* the importer has set one of its signals, so that it is sent */
+} plant_message;
+
 typedef struct plant_variable {
   enum plant_type type;
   enum plant_role role;
   char *name;
   int slave; /* index in `slaves` */
+  int ecu;   /* of a bus terminal */
+  int message; /* index in `messages` */
   ecat_session_entry on_bus; /* of an entry; its range is as it was when the FMU was made */
+  ecat_session_signal signal; /* of a CAN signal */
   char *unit;
   plant_value start, value;
 } plant_variable;
@@ -107,11 +139,17 @@ typedef struct plant {
   char fingerprint[20];
   plant_slave *slaves;
   size_t slave_count;
+  plant_message *messages;
+  size_t message_count;
   plant_variable *variables; /* by value reference */
   size_t variable_count;
 
   /* The parameter `bus`; the other parameters are values of variables. */
   char *bus_name, *bus_start;
+
+  size_t ecu_count;
+  int triggered; /* their Tx_Clocks are outputs, and not countdowns of the importer */
+  struct ls_bus *ls_bus; /* NULL: no bus terminals */
 
   ecat_session session;
   int begun;   /* 1: initialization has connected to the bus, or decided to go on without it */
@@ -140,6 +178,7 @@ int plant_allow(plant *p, const char *call, unsigned states); /* bits 1 << enum 
 int plant_begin(plant *p); /* connects to the bus and takes a first sample */
 int plant_leave_initialization(plant *p);
 int plant_step(plant *p, double time, double step);
+int plant_update(plant *p); /* ends an event, with bus terminals */
 void plant_detach(plant *p); /* ends the connection: the outputs go to their safe values */
 int plant_terminate(plant *p);
 /* Switches the logging of events on or off; a list without categories means all of them. Errors and

@@ -7,9 +7,16 @@
  *     command TEXT                       command that makes the FMU again
  *     slaves COUNT
  *     slave POSITION VENDOR PRODUCT REVISION NAME LABEL    NAME: in the configuration, or -
+ *     messages COUNT                     of CAN buses behind slaves
+ *     message SLAVE ID SENDS LENGTH TRANSMISSION PERIOD TIMEOUT    ID: as in ecat_can_frame
  *     variables COUNT                    in the order of their value references, 0 first
- *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET MINIMUM
- *         MAXIMUM UNIT]]             the unit is the rest of the line, and may be empty
+ *     variable TYPE ROLE START NAME [SLAVE [WHAT SCALE OFFSET MINIMUM MAXIMUM UNIT]]
+ *     variable TYPE ROLE START NAME ECU    of a bus terminal; the CAN bus is that of the first slave. START of
+ *                                          Tx_Clock: 0 countdown, 1 triggered
+ *
+ * WHAT is INDEX SUBINDEX DATATYPE BITS of an entry; MESSAGE of a variable of a CAN message, and of a CAN signal
+ * MESSAGE START BITS ENDIAN NUMBER and five numbers of its selector, as in ecat_session_signal. The unit is the rest of
+ * the line, and may be empty.
  *
  * Floating-point numbers are the 16 hexadecimal digits of their IEEE 754 bits: exact, and the same in
  * every locale.
@@ -25,18 +32,20 @@
 #include <string.h>
 #include <strings.h>
 
-enum { MAX_BYTES = 64 << 20, MAX_ITEMS = 1 << 20 };
+enum { MAX_BYTES = 64 << 20, MAX_ITEMS = 1 << 20, MAX_ECUS = 64 };
 
 static const char *const type_names[PLANT_TYPES] = {
     "Real",   "Boolean", "String", "Integer", "Int8",  "UInt8",
-    "Int16",  "UInt16",  "Int32",  "UInt32",  "Int64", "UInt64"};
+    "Int16",  "UInt16",  "Int32",  "UInt32",  "Int64", "UInt64", "Binary", "Clock"};
 
 static const char *const role_names[ROLES] = {
     "time",           "bus",       "waitForBus", "lease",  "whenMissing",    "whenFailed",
     "patience",       "readOnly",  "requireOperational",   "connected",      "state",   "cycle",
     "age",
     "missed",         "workingCounter", "workingCounterExpected", "valid",   "alState",
-    "alStatusCode",   "input",     "output"};
+    "alStatusCode",   "canState",  "canSendErrors", "canReceiveErrors", "canValid", "canAge", "canCount",
+    "canInput",       "canOutput", "input",     "output",    "interval",  "framesSent",  "framesReceived",
+    "operationsRefused", "operationsLost", "BusNotifications", "Rx_Clock", "Rx_Data",    "Tx_Clock", "Tx_Data"};
 
 /* --- words --------------------------------------------------------------------------------- */
 
@@ -130,7 +139,39 @@ static void read_slave(reader *r, plant_slave *slave) {
   slave->label = copy(r, r->line);
 }
 
-static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
+static void read_message(reader *r, plant_message *message, plant_slave *slaves, size_t count) {
+  ecat_session_message *on_bus = &message->on_bus;
+  if (!next_line(r) || strcmp(word(r), "message") != 0 || count == 0) r->wrong = 1;
+  if (r->wrong) return;
+  on_bus->slave = &slaves[number(r, 10, 0, (int64_t)count - 1)].on_bus;
+  on_bus->id = (uint32_t)number(r, 16, 0, UINT32_MAX);
+  on_bus->sends = (int)number(r, 10, 0, 1);
+  on_bus->length = (int)number(r, 10, 0, 8);
+  on_bus->transmission = (int)number(r, 10, ECAT_SESSION_ON_CHANGE, ECAT_SESSION_ON_TRIGGER);
+  on_bus->period = real(r);
+  on_bus->timeout = real(r);
+}
+
+static void read_signal(reader *r, plant_variable *variable) {
+  ecat_session_signal *signal = &variable->signal;
+  signal->name = variable->name;
+  signal->start = (int)number(r, 10, 0, 63);
+  signal->length = (int)number(r, 10, 1, 64);
+  signal->big_endian = (int)number(r, 10, 0, 1);
+  signal->number = (int)number(r, 10, ECAT_SESSION_UNSIGNED, ECAT_SESSION_FLOAT);
+  signal->selector.start = (int)number(r, 10, 0, 63);
+  signal->selector.length = (int)number(r, 10, 0, 31);
+  signal->selector.big_endian = (int)number(r, 10, 0, 1);
+  signal->selector.low = (double)number(r, 10, 0, INT32_MAX);
+  signal->selector.high = (double)number(r, 10, 0, INT32_MAX);
+  signal->scale = real(r);
+  signal->offset = real(r);
+  signal->minimum = real(r);
+  signal->maximum = real(r);
+  signal->unit = variable->unit = copy(r, r->line == NULL ? "" : r->line);
+}
+
+static void read_variable(reader *r, plant_variable *variable, size_t slaves, size_t messages) {
   ecat_signal_info *entry = &variable->on_bus.expected;
   if (!next_line(r) || strcmp(word(r), "variable") != 0) r->wrong = 1;
   if (r->wrong) return;
@@ -143,9 +184,18 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   else
     variable->start.integer = number(r, 10, INT64_MIN, INT64_MAX);
   variable->name = copy(r, word(r));
-  if (variable->role < ROLE_VALID) return;
+  if (variable->role < ROLE_VALID || (variable->role > ROLE_OUTPUT && variable->role < ROLE_BUS_NOTIFICATIONS)) return;
+  if (variable->role > ROLE_OUTPUT) {
+    variable->ecu = (int)number(r, 10, 0, MAX_ECUS - 1);
+    return;
+  }
   variable->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
-  if (variable->role < ROLE_INPUT) return;
+  if (variable->role < ROLE_CAN_VALID) return;
+  if (variable->role < ROLE_INPUT) {
+    variable->message = (int)number(r, 10, 0, (int64_t)messages - 1);
+    if (variable->role >= ROLE_CAN_INPUT) read_signal(r, variable);
+    return;
+  }
   entry->index = (unsigned)number(r, 16, 1, 0xFFFF);
   entry->subindex = (unsigned)number(r, 16, 0, 0xFF);
   entry->type = (unsigned)number(r, 16, 0, 0xFFFF);
@@ -159,17 +209,43 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   if (!(entry->scale < 0 || entry->scale > 0)) r->wrong = 1;
 }
 
+#define ROLE_BIT(role) ((uint64_t)1 << (role))
+
+/* Checks the bus terminals, which have all of their variables once, and counts them. */
+static void check_ecus(reader *r, plant *p, uint64_t found) {
+  const uint64_t fixed = (ROLE_BIT(ROLE_BUS_NOTIFICATIONS) - ROLE_BIT(ROLE_FRAMES_SENT)) | ROLE_BIT(ROLE_CAN_STATE) |
+                         ROLE_BIT(ROLE_CAN_SEND_ERRORS) | ROLE_BIT(ROLE_CAN_RECEIVE_ERRORS);
+  unsigned members[MAX_ECUS] = {0};
+  size_t i;
+  for (i = 0; i < p->variable_count; i++) {
+    const plant_variable *v = &p->variables[i];
+    int clock = v->role == ROLE_RX_CLOCK || v->role == ROLE_TX_CLOCK;
+    int binary = v->role == ROLE_RX_DATA || v->role == ROLE_TX_DATA;
+    if (clock != (v->type == PLANT_CLOCK) || binary != (v->type == PLANT_BINARY)) r->wrong = 1;
+    if (v->role == ROLE_INTERVAL && (v->type != PLANT_REAL || !(v->start.real > 0))) r->wrong = 1;
+    if (v->role == ROLE_TX_CLOCK) p->triggered |= v->start.integer != 0;
+    if (v->role < ROLE_BUS_NOTIFICATIONS) continue;
+    members[v->ecu] += 1u << 4 * (v->role - ROLE_BUS_NOTIFICATIONS);
+    if ((size_t)v->ecu >= p->ecu_count) p->ecu_count = (size_t)v->ecu + 1;
+  }
+  for (i = 0; i < p->ecu_count; i++)
+    if (members[i] != 0x11111) r->wrong = 1;
+  if (p->ecu_count > 0 && ((found & fixed) != fixed || p->slave_count == 0)) r->wrong = 1;
+  if (p->ecu_count > 0 && !p->triggered && !(found & ROLE_BIT(ROLE_INTERVAL))) r->wrong = 1;
+}
+
 /* Checks that all parameters and diagnostics exist, since the plant looks them up by role, and that only
  * the bus name is a string. */
-static void check_roles(reader *r, const plant *p) {
-  unsigned found = 0, needed = (1u << ROLE_VALID) - 1u - (1u << ROLE_TIME);
+static void check_roles(reader *r, plant *p) {
+  uint64_t found = 0, needed = ROLE_BIT(ROLE_VALID) - 1u - ROLE_BIT(ROLE_TIME);
   size_t i;
   for (i = 0; i < p->variable_count; i++) {
     const plant_variable *variable = &p->variables[i];
     if ((variable->role == ROLE_BUS) != (variable->type == PLANT_STRING)) r->wrong = 1;
-    found |= 1u << variable->role;
+    found |= ROLE_BIT(variable->role);
   }
   if ((found & needed) != needed) r->wrong = 1;
+  check_ecus(r, p, found);
 }
 
 static void read_table(reader *r, plant *p) {
@@ -187,15 +263,19 @@ static void read_table(reader *r, plant *p) {
   n = count(r, "slaves");
   p->slaves = calloc(n + 1, sizeof *p->slaves);
   for (i = 0; p->slaves != NULL && i < n && !r->wrong; i++) read_slave(r, &p->slaves[p->slave_count++]);
+  n = count(r, "messages");
+  p->messages = calloc(n + 1, sizeof *p->messages);
+  for (i = 0; p->messages != NULL && i < n && !r->wrong; i++)
+    read_message(r, &p->messages[p->message_count++], p->slaves, p->slave_count);
   n = count(r, "variables");
   p->variables = calloc(n + 1, sizeof *p->variables);
   for (i = 0; p->variables != NULL && i < n && !r->wrong; i++)
-    read_variable(r, &p->variables[p->variable_count++], p->slave_count);
-  if (p->slaves == NULL || p->variables == NULL) r->wrong = 1;
+    read_variable(r, &p->variables[p->variable_count++], p->slave_count, p->message_count);
+  if (p->slaves == NULL || p->messages == NULL || p->variables == NULL) r->wrong = 1;
   if (!r->wrong) check_roles(r, p);
 }
 
-/* Adds all slaves and entries to the session. */
+/* Adds all slaves, entries, CAN messages and CAN signals to the session. */
 static void add_all(plant *p) {
   size_t i;
   for (i = 0; i < p->slave_count; i++) {
@@ -206,9 +286,15 @@ static void add_all(plant *p) {
     slave->fingerprint = p->fingerprint;
     ecat_session_add_slave(&p->session, slave);
   }
+  for (i = 0; i < p->message_count; i++)
+    if (ecat_session_add_message(&p->messages[i].on_bus) != 0) return;
   for (i = 0; i < p->variable_count; i++) {
     plant_variable *variable = &p->variables[i];
-    if (variable->role < ROLE_INPUT) continue;
+    if (variable->role == ROLE_CAN_INPUT || variable->role == ROLE_CAN_OUTPUT) {
+      variable->signal.message = &p->messages[variable->message].on_bus;
+      if (ecat_session_add_signal(&variable->signal) != 0) return;
+    }
+    if (variable->role != ROLE_INPUT && variable->role != ROLE_OUTPUT) continue;
     variable->on_bus.slave = &p->slaves[variable->slave].on_bus;
     ecat_session_add_entry(&variable->on_bus);
   }
@@ -294,6 +380,7 @@ void plant_unload(plant *p) {
     free(p->variables[i].unit);
   }
   free(p->slaves);
+  free(p->messages);
   free(p->variables);
   free(p->token);
   free(p->command);

@@ -1,12 +1,13 @@
 /* The values of variables, which importers get and set. */
 #include "plant.h"
+#include "ls_bus.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 static int is_parameter(const plant_variable *v) {
-  return v->role >= ROLE_BUS && v->role <= ROLE_REQUIRE_OPERATIONAL;
+  return (v->role >= ROLE_BUS && v->role <= ROLE_REQUIRE_OPERATIONAL) || v->role == ROLE_INTERVAL;
 }
 
 static plant_variable *by_role(const plant *p, enum plant_role role) {
@@ -27,14 +28,30 @@ void plant_publish(plant *p, enum plant_role role, double real, int64_t integer)
   value->integer = integer;
 }
 
+/* The entry of an input, or what is like one. */
+static const ecat_signal_info *entry_of(const plant_variable *v) {
+  return v->role == ROLE_CAN_INPUT ? &v->signal.as_entry : &v->on_bus.expected;
+}
+
+static void write_signal(plant_variable *v) {
+  if (v->type == PLANT_REAL)
+    ecat_session_can_write(&v->signal, v->value.real);
+  else
+    ecat_session_can_write_int(&v->signal, v->value.integer);
+}
+
 void plant_start_values(plant *p) {
   size_t i;
   for (i = 0; i < p->variable_count; i++) {
     p->variables[i].value = p->variables[i].start;
     p->variables[i].on_bus.pending = 0;
+    if (p->variables[i].role == ROLE_CAN_INPUT) write_signal(&p->variables[i]);
+    if (p->variables[i].role == ROLE_CAN_AGE) p->variables[i].value.real = ECAT_AGE_NEVER;
   }
+  for (i = 0; i < p->message_count; i++) p->messages[i].active = 0;
   plant_publish(p, ROLE_AGE, ECAT_AGE_NEVER, 0);
   for (i = 0; i < p->slave_count; i++) p->slaves[i].on_bus.writes = 0;
+  if (p->ls_bus != NULL) ls_bus_clear(p->ls_bus);
   free(p->bus_name);
   p->bus_name = strdup(p->bus_start);
 }
@@ -61,7 +78,9 @@ static int ready(plant *p) {
 int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value) {
   const plant_variable *v = find(p, reference, type, "get");
   if (v == NULL) return PLANT_ERROR;
-  if (v->role > ROLE_REQUIRE_OPERATIONAL && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
+  if (!is_parameter(v) && v->role != ROLE_TIME && v->role != ROLE_INPUT && v->role != ROLE_CAN_INPUT &&
+      ready(p) != PLANT_OK)
+    return PLANT_ERROR;
   *value = v->value;
   if (v->role == ROLE_TIME) value->real = p->time;
   return PLANT_OK;
@@ -75,7 +94,7 @@ int plant_get_string(plant *p, unsigned reference, const char **value) {
 
 /* Whether a variable may be set now. Setting a parameter ends the connection, if there is one. */
 static int settable(plant *p, const plant_variable *v) {
-  if (v->role == ROLE_INPUT) return PLANT_OK;
+  if (v->role == ROLE_INPUT || v->role == ROLE_CAN_INPUT) return PLANT_OK;
   if (!is_parameter(v))
     return plant_say(p, PLANT_ERROR, "set: '%s' cannot be set: it is no input and no parameter",
                      v->name);
@@ -88,7 +107,7 @@ static int settable(plant *p, const plant_variable *v) {
 
 static int refuse(plant *p, const plant_variable *v, double value) {
   double low, high;
-  ecat_limits(&v->on_bus.expected, &low, &high);
+  ecat_limits(entry_of(v), &low, &high);
   return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %.15g: %.15g to %.15g are allowed; it keeps "
                    "its value", v->name, value, low, high);
 }
@@ -99,7 +118,7 @@ static int acceptable_parameter(plant *p, const plant_variable *v, double number
   if (failure && (number < ECAT_FAILURE_ERROR || number > ECAT_FAILURE_CONTINUE))
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: 1 is Error, 2 Wait, 3 Continue",
                      v->name, number);
-  if (number < 0)
+  if (number < 0 || (v->role == ROLE_INTERVAL && number == 0))
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is a time", v->name, number);
   return PLANT_OK;
 }
@@ -116,9 +135,9 @@ static int acceptable(plant *p, const plant_variable *v, plant_value value) {
                      "value", v->name, number);
   if (is_parameter(v)) return acceptable_parameter(p, v, number);
   if (v->type != PLANT_REAL)
-    code = ecat_encode_int(&v->on_bus.expected, value.integer, &bits);
+    code = ecat_encode_int(entry_of(v), value.integer, &bits);
   else
-    code = ecat_encode_physical(&v->on_bus.expected, number, &bits);
+    code = ecat_encode_physical(entry_of(v), number, &bits);
   return code == 0 ? PLANT_OK : refuse(p, v, number);
 }
 
@@ -129,6 +148,10 @@ int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value va
   if ((status = settable(p, v)) != PLANT_OK || (status = acceptable(p, v, value)) != PLANT_OK)
     return status;
   v->value = value;
+  if (v->role == ROLE_CAN_INPUT) {
+    write_signal(v);
+    p->messages[v->message].active = 1;
+  }
   if (v->role != ROLE_INPUT) return PLANT_OK;
   if (type == PLANT_REAL)
     ecat_session_write(&v->on_bus, value.real);

@@ -460,6 +460,8 @@ class Top(App[None]):
                 owner = "you, by hand"
             if output["state"] == "copied":
                 owner = f"copy of {output['source']}"
+            elif output["state"] == "can":
+                owner = "ecatd, for CAN frames"
             if not self._fits(f"{name} {owner}"):
                 continue
             value = output["value"] if output.get("physical") is None else output["physical"]
@@ -623,6 +625,9 @@ class Top(App[None]):
             return
         if output["state"] == "copied":
             self._say(f"This output is a copy of {output['source']} (`[[outputs.copy]]`).")
+            return
+        if output["state"] == "can":
+            self._say("ecatd exchanges CAN frames with it: see `ecatctl can send`.")
             return
         self._say("Asking whether you may drive outputs…")
         slave = self._bus.slaves[output["slave"]]

@@ -155,12 +155,14 @@ class Image:
         }
 
 
-def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
+def lay_out(bus: Bus, without_lrw: Set[int], alone: Set[int] = frozenset()) -> Image:
     """Places every slave in the process image, and plans the datagrams that exchange it.
 
     Args:
         bus: Slaves with their PDOs and domains; `output_offset` and `input_offset` are set here.
         without_lrw: Positions of slaves that do not support LRW.
+        alone: Positions of slaves with datagrams of their own: their data are exchanged whatever
+            other slaves do.
 
     Raises:
         StateError: A domain has too many groups of optional slaves.
@@ -184,27 +186,30 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
                 f"but at most {MAX_GROUPS} are possible: give slaves that come and go together the "
                 "same group, or put some into another [[domain]]"
             )
-        _place(domain, slaves, without_lrw)
+        _place(domain, slaves, without_lrw, alone)
         image.domains.append(domain)
     return image
 
 
-def _place(domain: DomainImage, slaves: list[Slave], without_lrw: Set[int]) -> None:
+def _place(
+    domain: DomainImage, slaves: list[Slave], without_lrw: Set[int], alone: Set[int]
+) -> None:
     """Places the slaves of a domain in its image, and adds the datagrams that carry it."""
     always = [slave for slave in slaves if not slave.group]
-    whole = [slave for slave in always if slave.position not in without_lrw]
-    split = [slave for slave in always if slave.position in without_lrw]
+    whole = [slave for slave in always if slave.position not in without_lrw | alone]
+    apart = [[slave for slave in always if slave.position in without_lrw - alone]]
+    apart += [[slave] for slave in always if slave.position in alone]
     groups = [[slave for slave in slaves if slave.group == group] for group in domain.groups]
     lrw: list[_Part] = []
     offset = 0
-    for number, members in enumerate([split, *groups], -1):
+    for number, members in [*((-1, members) for members in apart), *enumerate(groups)]:
         parts: list[_Part] = []
         offset = _append(parts, members, offset, output=True)
         _add_datagrams(domain, LWR, parts, number)
     offset = domain.output_bytes = _append(lrw, whole, offset, output=True)
     offset = _append(lrw, whole, offset, output=False)
     _add_datagrams(domain, LRW, lrw)
-    for number, members in [*enumerate(groups), (-1, split)]:
+    for number, members in [*enumerate(groups), *((-1, members) for members in apart)]:
         parts = []
         offset = _append(parts, members, offset, output=False)
         _add_datagrams(domain, LRD, parts, number)

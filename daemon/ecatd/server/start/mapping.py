@@ -7,6 +7,7 @@ telegrams (`telegrams.py`). Other slaves have fixed PDOs, described by their SII
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -41,6 +42,10 @@ FMMU = 0x0600
 _FMMU_COUNT = 0x0004
 _FMMUS_MAX = 16
 _FMMU_READ, _FMMU_WRITE = 1, 2
+_RAM = 0x1000
+"""First byte of the process data memory of an ESC; registers are below it."""
+_MODE, _BUFFERED = 0x03, 0x00
+"""Bits of the control register of a sync manager with its mode (ESC data sheet, section II)."""
 
 
 def read_modules(
@@ -201,6 +206,7 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> Steps
         if item.unplaced:
             raise StateError(f"{slave.label}: {item.unplaced}")
         managers, fmmus = process_data_registers(item, image)
+        _check_memory(slave, managers)
         writes += [(slave.position, *write) for write in managers]
         writes += _unused(slave, item.sii)
         writes += [(slave.position, *write) for write in watchdog_writes(item.settings)]
@@ -238,6 +244,36 @@ def process_data_registers(
                 managers.append((SYNC_MANAGER + 8 * area.number, content))
             _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
     return managers, [(FMMU + 16 * n, fmmu.registers()) for n, fmmu in enumerate(fmmus)]
+
+
+def _check_memory(slave: Slave, managers: list[tuple[int, bytes]]) -> None:
+    """Refuses process data whose buffers reach into each other in the memory of the slave.
+
+    The EEPROM says where they begin, and the PDOs how long they are. A buffered sync manager uses
+    three times its length (ESC data sheet, section I, "Buffered mode").
+
+    Raises:
+        StateError: Outputs and inputs would overwrite each other.
+    """
+    areas = []
+    for register, content in managers:
+        start, length, control = struct.unpack_from("<HHB", content)
+        if start < _RAM:
+            continue  # outputs of a digital I/O ESC are registers, and have no buffers
+        buffers = 3 if control & _MODE == _BUFFERED else 1
+        areas.append((start, start + buffers * length, (register - SYNC_MANAGER) // 8, buffers))
+    areas.sort()
+    for (start, end, one, buffers), (begin, _, other, _) in itertools.pairwise(areas):
+        size = (end - start) // buffers
+        if (
+            start + size <= begin < end
+        ):  # else the EEPROM was told to be wrong, and the slave refuses
+            raise StateError(
+                f"{slave.label}: {buffers} x {size} bytes of sync manager {one} from 0x{start:04X} "
+                f"on reach into sync manager {other} at 0x{begin:04X}, so its process data would "
+                f"overwrite each other: assign fewer PDOs, or shorter queues, so that it has at "
+                f"most {(begin - start) // buffers} bytes"
+            )
 
 
 @dataclass(slots=True)

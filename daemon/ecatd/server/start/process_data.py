@@ -56,7 +56,8 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     for channel in resolved.can:
         if channel.remark:
             log.warning(channel.remark)
-    image = lay_out(bus, without_lrw(master, found.present))
+    channels = {channel.slave for channel in resolved.can}
+    image = lay_out(bus, without_lrw(master, found.present), channels)
     wire = wire_time(
         image,
         config.cycle_time_us,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Protocol
@@ -11,6 +12,7 @@ from ecatd.base.batch import Batch, last_of
 from ecatd.base.errors import EcatError
 from ecatd.description.bus import Bus
 from ecatd.master.engine.engine import Event, EventType
+from ecatd.operations.faults import CAN, Fault
 from ecatd.shm import contract as shm
 from ecatd.shm.contract import CAN_EXTENDED, CAN_ID, CanState
 
@@ -88,9 +90,26 @@ class CanWatch:
         self._channels = {channel.slave: channel for channel in running.data.resolved.can}
         self._who = who
         self._restart = restart
+        self._since: dict[int, float] = {}  # Unix time since which a controller is not well
         self._restarts: dict[int, asyncio.Task[None]] = {}
         self._report = report
         self._gathered: dict[tuple[int, int, int, int], Batch[tuple[Event, Client | None]]] = {}
+
+    @property
+    def faults(self) -> list[Fault]:
+        """CAN controllers that are error passive or bus-off now."""
+        found = []
+        for slave, row in self._rows.items():
+            state = CanState(row.state)
+            if state in (CanState.PASSIVE, CanState.BUS_OFF):
+                text = (
+                    f"{self._bus.slaves[slave].label}: {_STATES[state]}{self._counts(slave, state)}"
+                )
+                since = self._since.setdefault(slave, time.time())
+                found.append(Fault(CAN, text, since, slaves=(slave,)))
+            else:
+                self._since.pop(slave, None)
+        return found
 
     def handle(self, event: Event) -> None:
         """Takes an event of the engine about a CAN channel."""
@@ -138,14 +157,16 @@ class CanWatch:
         event, client = events[-1]
         label = self._bus.slaves[event.slave].label
         facts: dict[str, Any] = {"slave": event.slave, "cycle": event.cycle}
-        good = False
+        good, text = False, ""
         if client is not None:
             facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         match kind:
             case EventType.CAN_STATE:
                 state = CanState(event.value)
                 good = state not in _BAD
-                text = f"{label}: {_STATES.get(state, state.name)}{self._counts(event, state)}"
+                text = (
+                    f"{label}: {_STATES.get(state, state.name)}{self._counts(event.slave, state)}"
+                )
                 facts["state"] = state.name.lower()
             case EventType.CAN_ENDED:
                 reason = shm.Reason(event.value)
@@ -171,7 +192,7 @@ class CanWatch:
                     "exchange it more often, or let filters of its [slave.can] pass only what is "
                     "needed"
                 )
-            case _:
+            case EventType.CAN_MALFORMED:
                 text = (
                     f"{label} says that it delivers {event.value} CAN frames, but its process data "
                     f"have room for {self._rows[event.slave].receive_queue}: ecatd uses those that "
@@ -187,10 +208,10 @@ class CanWatch:
             level=level,
         )
 
-    def _counts(self, event: Event, state: CanState) -> str:
+    def _counts(self, slave: int, state: CanState) -> str:
         if state not in _BAD:
             return ""
-        row = self._rows[event.slave]
+        row = self._rows[slave]
         return f" (error counters {row.send_errors} sent, {row.receive_errors} received){_CHECK}"
 
 

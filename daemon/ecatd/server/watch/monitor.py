@@ -129,7 +129,7 @@ class Monitor:
         """What is wrong with interfaces, exchange, clocks, cables and drives: causes first."""
         clocks = [] if self._clocks is None else self._clocks.faults
         exchange = [*self._interfaces.faults, *self.exchange.faults, *clocks]
-        return [*exchange, *self.cables.faults, *self._drives.faults]
+        return [*exchange, *self.cables.faults, *self._drives.faults, *self._can.faults]
 
     def describe(self) -> dict[str, Any]:
         """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""

@@ -299,6 +299,8 @@ class OutputWatch:
         row = self._shared.outputs[signal]
         if row.state == shm.Outputs.COPIED:
             return "a [[copy]] of the configuration"
+        if row.state == shm.Outputs.CAN:
+            return "ecatd, which exchanges CAN frames,"
         if row.owner < 0:  # it has been released meanwhile
             return "another client"
         return str(self._clients.get(row.owner, _Client(row.owner)))

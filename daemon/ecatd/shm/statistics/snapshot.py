@@ -280,8 +280,8 @@ class Snapshot:
     times: dict[str, Histogram]
     worst: dict[str, tuple[LongCycle, ...]]
     domains: tuple[Domain, ...]
-    channels: tuple[CanChannel, ...]
     grants: tuple[Grant, ...]
+    channels: tuple[CanChannel, ...] = ()
 
     @property
     def seconds(self) -> float:

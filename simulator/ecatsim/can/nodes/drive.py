@@ -119,6 +119,12 @@ class CanopenDrive(CanopenNode):
         """State of its power stage."""
         return self._drive.power.state
 
+    @property
+    def application(self) -> dict[str, str | float]:
+        """Its states, and the speed of the motor in rad/s."""
+        power = self.power_state.name.lower().replace("_", " ")
+        return super().application | {"power": power, "speed": round(self.motor.speed, 3)}
+
     def work(self, now: float) -> None:
         """Runs the drive and its motor."""
         if not self._drive.sleeps:

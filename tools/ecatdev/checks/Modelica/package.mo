@@ -11,6 +11,9 @@ package Modelica "The part of the Modelica Standard Library 4.0.0 that our libra
       type Period = Real(final quantity = "Time", final unit = "s");
     end SI;
   end Units;
+  package Constants
+    constant Real pi = 3.141592653589793;
+  end Constants;
   package Utilities
     package Files
       function loadResource

@@ -22,6 +22,7 @@
 #ifndef ECAT_MODELICA_H
 #define ECAT_MODELICA_H
 
+#include "ecatm_can.h"
 #include "ecatm_drive_steps.h"
 #include "ecatm_generate.h"
 #include "ecatm_master.h"

@@ -1,0 +1,451 @@
+"""Signals of DBC and EDS files in blocks: what is understood, and what is named and left out."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymoca.parser import parse
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "contract"))
+
+from can_messages import DBC
+
+from conftest import names
+from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.description.bus import Bus
+from ecatd.etg.pdo import Entry, Value
+from ecatdev import sample_buses
+from ecatdev.checks import check_conventions, check_structure, check_syntax, check_translation
+from ecatgen import can, generate
+from ecatgen.build import build_library
+from ecatgen.ir import Block
+from ecatgen.render import render
+
+SLAVE = 7
+
+
+@pytest.fixture
+def bus() -> Bus:
+    return sample_buses.troll()
+
+
+@pytest.fixture
+def read(tmp_path: Path, bus: Bus) -> Callable[..., can.CanFile]:
+    """Reads a file with this text."""
+
+    def read_(text: str, who: str = "", name: str = "file.dbc") -> can.CanFile:
+        (tmp_path / name).write_text(text)
+        option = f"{SLAVE}={tmp_path / name}{'@' if who else ''}{who}"
+        return can.read_request(can.parse_option(option), bus)
+
+    return read_
+
+
+def block(bus: Bus, *files: can.CanFile) -> Block:
+    return build_library(bus, "Plant", files).blocks[SLAVE]
+
+
+def connectors(found: Block, *, sent: bool) -> dict[str, Any]:
+    return {str(c.name): c for c in found.can.signals(sent=sent)}
+
+
+# --- DBC -----------------------------------------------------------------------------------------
+
+
+def test_who_the_model_is_decides_about_directions(
+    read: Callable[..., can.CanFile], bus: Bus
+) -> None:
+    found = block(bus, read(DBC, "ECU"))
+    assert set(connectors(found, sent=True)) == {"commandTarget", "commandEnable", "commandModel"}
+    assert set(connectors(found, sent=False)) == {
+        *("motorSpeed", "motorPage", "motorTemperature", "motorVoltage", "motorTorque"),
+    }
+    found = block(bus, read(DBC, "DRIVE"))
+    assert "motorSpeed" in connectors(found, sent=True)
+    assert set(connectors(found, sent=False)) == {
+        *("commandTarget", "commandEnable", "commandModel", "foreignValue"),
+    }
+    found = block(bus, read(DBC))
+    assert not connectors(found, sent=True)
+    assert len(connectors(found, sent=False)) == 9
+
+
+def test_units_types_and_ranges(read: Callable[..., can.CanFile], bus: Bus) -> None:
+    found = block(bus, read(DBC, "ECU"))
+    reads, writes = connectors(found, sent=False), connectors(found, sent=True)
+    speed = reads["motorSpeed"]
+    assert (speed.kind, speed.unit, speed.scale) == ("Real", "rpm", 0.1)
+    assert speed.description == "Motor: Speed (0x181), from -3200 to 3200 rpm"
+    assert speed.note == "of the shaft"
+    assert reads["motorPage"].kind == "Integer"
+    assert [value.name for value in reads["motorPage"].values] == ["temperature", "voltage"]
+    assert writes["commandEnable"].kind == "Boolean"
+    assert writes["commandModel"].kind == "Integer"
+    command = next(m for m in found.can.messages if m.sent)
+    assert (command.identifier, command.extended, command.transmission) == (
+        *(0x18FEF1FE, True, "OnChange"),
+    )
+    signals = {str(s.connector.entry_name): s for m in found.can.messages for s in m.signals}
+    assert signals["Temperature"].selector == (16, 8, 0, 1, 1)
+    assert (signals["Speed"].start, signals["Speed"].big_endian) == (7, True)
+    assert found.left[0].name == "commandTarget"
+    assert found.kind == "CAN terminal"
+
+
+def dbc(*lines: str, more: str = "", length: int = 8, identifier: int = 1) -> str:
+    signals_ = "".join(f" SG_ {line}\n" for line in lines)
+    return f'VERSION ""\nBU_: A B\nBO_ {identifier} Msg: {length} A\n{signals_}{more}'
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('S : 60|16@1+ (1,0) [0|0] "" B', ["start bit 60", "16 bits", "8 bytes"]),
+        ('S : 56|9@0+ (1,0) [0|0] "" B', ["start bit 56"]),
+        ('S : 0|8@1+ (0,0) [0|0] "" B', ["factor 0"]),
+        ('S m1 : 0|8@1+ (1,0) [0|0] "" B', ["multiplexed", "nothing says"]),
+    ],
+)
+def test_a_signal_that_cannot_be_is_named_and_left_out(
+    read: Callable[..., can.CanFile], bus: Bus, line: str, words: Sequence[str]
+) -> None:
+    file = read(dbc('Good : 8|8@1+ (1,0) [0|0] "" B', line), "A")
+    (sentence,) = file.left_out
+    names(sentence, "Msg (0x001)", "signal S", *words)
+    found = block(bus, file)
+    assert list(connectors(found, sent=True)) == ["msgGood"]
+    (note,) = build_library(bus, "Plant", [file]).notes
+    names(note, "slave 7", "file.dbc", "signal S")
+
+
+def test_signals_to_be_sent_that_overlap(read: Callable[..., can.CanFile]) -> None:
+    text = dbc('One : 0|8@1+ (1,0) [0|0] "" B', 'Two : 7|2@1+ (1,0) [0|0] "" B')
+    (sentence,) = read(text, "A").left_out
+    names(sentence, "signal Two", "bits of signal One")
+    assert not read(text).left_out, "the model only looks at them"
+
+
+def test_pages_of_a_multiplexer_may_overlap(read: Callable[..., can.CanFile]) -> None:
+    assert not read(
+        dbc(
+            'Page M : 0|8@1+ (1,0) [0|0] "" B',
+            'One m1 : 8|8@1+ (1,0) [0|0] "" B',
+            'Two m2 : 8|8@1+ (1,0) [0|0] "" B',
+        ),
+        "A",
+    ).left_out
+
+
+def test_limits_that_leave_nothing_are_left_out(read: Callable[..., can.CanFile]) -> None:
+    file = read(dbc('S : 0|8@1+ (1,0) [300|400] "" B', 'T : 8|8@1+ (1,0) [5|1] "" B'))
+    one, other = file.left_out
+    names(one, "signal S", "300", "400")
+    names(other, "signal T", "5", "1")
+    assert [s.entry.minimum for s in file.messages[0].signals] == [None, None]
+
+
+def test_a_multiplexed_multiplexer(read: Callable[..., can.CanFile]) -> None:
+    more = (
+        "SG_MUL_VAL_ 1 Inner Page 1-1;\nSG_MUL_VAL_ 1 Deep Inner 2-2;\n"
+        "SG_MUL_VAL_ 1 X Page 1-2, 5-5;\n"
+    )
+    file = read(
+        dbc(
+            'Page M : 0|8@1+ (1,0) [0|0] "" B',
+            'Inner m1M : 8|8@1+ (1,0) [0|0] "" B',
+            'Deep m2 : 16|8@1+ (1,0) [0|0] "" B',
+            'X m1 : 24|8@1+ (1,0) [0|0] "" B',
+            more=more,
+        )
+    )
+    one, other = file.left_out
+    names(one, "signal Deep", "Inner", "multiplexed itself")
+    names(other, "signal X", "Page", "single range")
+
+
+def test_a_message_without_anything_that_can_be_used(read: Callable[..., can.CanFile]) -> None:
+    text = (
+        'VERSION ""\nBU_: A\nBO_ 1 Empty: 8 A\n\n'
+        'BO_ 2 Long: 64 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" A\n'
+    )
+    with pytest.raises(UsageError) as refused:
+        read(text)
+    names(str(refused.value), "file.dbc", "Empty (0x001)", "no signals", "Long (0x002)", "64 bytes")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "hello", 'VERSION "', "BO_ x", '\x00\xff"', "BO_ 4294967296 A: 8 B\n"]
+)
+def test_a_file_that_is_no_dbc(read: Callable[..., can.CanFile], text: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        read(text)
+    assert "file.dbc" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_node_that_is_not_there(read: Callable[..., can.CanFile]) -> None:
+    with pytest.raises(UsageError) as refused:
+        read(DBC, "EUC")
+    names(str(refused.value), "EUC", "did you mean 'ECU'?")
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("7", ["7", "SLAVE=FILE"]),
+        ("=x.dbc", ["SLAVE=FILE"]),
+        ("7=", ["SLAVE=FILE"]),
+        ("7=nowhere.dbc", ["nowhere.dbc"]),
+        ("7=nowhere.dbc@ECU", ["nowhere.dbc"]),
+    ],
+)
+def test_options_that_are_malformed(option: str, words: Sequence[str]) -> None:
+    with pytest.raises(UsageError) as refused:
+        can.parse_option(option)
+    names(str(refused.value), "--can", *words)
+
+
+def test_a_file_of_another_kind(tmp_path: Path) -> None:
+    (tmp_path / "x.xml").write_text("")
+    with pytest.raises(UsageError) as refused:
+        can.parse_option(f"7={tmp_path}/x.xml")
+    names(str(refused.value), "x.xml", "DBC", "EDS")
+
+
+def test_a_slave_that_is_not_there(tmp_path: Path, bus: Bus) -> None:
+    (tmp_path / "x.dbc").write_text(DBC)
+    with pytest.raises(StateError):
+        can.read_request(can.parse_option(f"77={tmp_path}/x.dbc"), bus)
+
+
+def test_without_the_package(
+    read: Callable[..., can.CanFile], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for package in ("cantools.database.can", "canopen.objectdictionary"):
+        monkeypatch.setitem(sys.modules, package, None)
+    for name in ("x.dbc", "x.eds"):
+        with pytest.raises(StateError) as refused:
+            read(DBC, "5", name)
+        names(str(refused.value), name, "pip install 'ecatd[can]'")
+
+
+def test_messages_of_two_files_with_one_identifier(
+    read: Callable[..., can.CanFile], bus: Bus
+) -> None:
+    found = block(bus, read(DBC, "ECU"), read(DBC, "ECU", "other.dbc"))
+    assert len(found.can.messages) == 2
+    assert len(found.can.left_out) == 2
+    names(found.can.left_out[0], "other.dbc", "Motor (0x181)", "same identifier")
+
+
+# --- EDS -----------------------------------------------------------------------------------------
+
+EDS_OBJECTS = {
+    0x6040: ("Controlword", 6, None),
+    0x6041: ("Statusword", 6, None),
+    0x606C: ("Velocity actual value", 4, None),
+    0x6060: ("Modes of operation", 2, (-128, 127)),
+    0x2000: ("Text", 9, None),
+}
+
+
+def eds(pdos: dict[int, tuple[str, Sequence[int]]]) -> str:
+    """A file with these PDOs: communication index, COB-ID and mapping."""
+    lines = ["[FileInfo]\nFileName=drive.eds\n[DeviceInfo]\nVendorName=V\n"]
+    for index, (name, kind, limits) in EDS_OBJECTS.items():
+        limit = f"LowLimit={limits[0] & 0xFF:#x}\nHighLimit={limits[1]:#x}\n" if limits else ""
+        lines.append(
+            f"[{index:04X}]\nParameterName={name}\nObjectType=0x7\nDataType={kind:#06x}\n"
+            f"AccessType=rw\nPDOMapping=1\n{limit}"
+        )
+    for index, (cob, mapping) in pdos.items():
+        lines.append(
+            f"[{index:04X}]\nParameterName=PDO parameter\nObjectType=0x9\nSubNumber=3\n"
+            f"[{index:04X}sub0]\nParameterName=n\nObjectType=0x7\nDataType=0x5\nAccessType=ro\n"
+            f"DefaultValue=5\n"
+            f"[{index:04X}sub1]\nParameterName=COB-ID\nObjectType=0x7\nDataType=0x7\nAccessType=rw\n"
+            f"DefaultValue={cob}\n"
+            f"[{index:04X}sub2]\nParameterName=type\nObjectType=0x7\nDataType=0x5\nAccessType=rw\n"
+            f"DefaultValue=255\n"
+            f"[{index:04X}sub5]\nParameterName=timer\nObjectType=0x7\nDataType=0x6\nAccessType=rw\n"
+            f"DefaultValue=100\n"
+        )
+        index += 0x200
+        lines.append(
+            f"[{index:04X}]\nParameterName=mapping\nObjectType=0x9\nSubNumber={len(mapping) + 1}\n"
+            f"[{index:04X}sub0]\nParameterName=n\nObjectType=0x7\nDataType=0x5\nAccessType=rw\n"
+            f"DefaultValue={len(mapping)}\n"
+        )
+        for number, word in enumerate(mapping, start=1):
+            lines.append(
+                f"[{index:04X}sub{number:X}]\nParameterName=m{number}\nObjectType=0x7\n"
+                f"DataType=0x7\nAccessType=rw\nDefaultValue={word:#010x}\n"
+            )
+    return "".join(lines)
+
+
+DRIVE = eds(
+    {
+        0x1400: ("$NODEID+0x200", [0x60400010, 0x60600008]),
+        0x1401: ("0x80000300", [0x60400010]),
+        0x1800: ("$NODEID+0x180", [0x60410010, 0x00050008, 0x606C0020]),
+        0x1801: ("$NODEID+0x280", [0x20000040, 0x60410008, 0x70000008]),
+    }
+)
+
+
+def test_the_pdos_of_a_device(read: Callable[..., can.CanFile], bus: Bus) -> None:
+    file = read(DRIVE, "5", "drive.eds")
+    rpdo, tpdo = file.messages
+    assert (rpdo.identifier, rpdo.sent, rpdo.length) == (0x205, True, 3)
+    assert (tpdo.identifier, tpdo.sent, tpdo.length) == (0x185, False, 7)
+    assert [signal.start for signal in tpdo.signals] == [0, 24], "a dummy keeps 8 bits free"
+    found = block(bus, file)
+    assert set(connectors(found, sent=True)) == {
+        *("node5RPDO1Controlword", "node5RPDO1ModesOfOperation"),
+    }
+    velocity = connectors(found, sent=False)["node5TPDO1VelocityActualValue"]
+    assert (velocity.type_name, velocity.kind) == ("signed", "Integer")
+    message = next(m for m in found.can.messages if not m.sent)
+    assert message.timeout == 0.3, "three times its event timer"
+    modes = rpdo.signals[1].entry
+    assert (modes.minimum, modes.maximum) == (-128, 127)
+
+
+def test_pdos_that_are_off_or_map_what_is_no_number(read: Callable[..., can.CanFile]) -> None:
+    left_out = "\n".join(read(DRIVE, "5", "drive.eds").left_out)
+    assert "Node5 RPDO2 is off by default (0x1401:01 = 0x80000300)" in left_out
+    names(left_out, "0x2000:00", "no number")
+    names(left_out, "0x6041:00", "16 bits", "8")
+    names(left_out, "0x7000:00", "the file does not have it")
+
+
+@pytest.mark.parametrize("who", ["", "0", "128", "drive"])
+def test_a_device_without_a_node_id(read: Callable[..., can.CanFile], who: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        read(DRIVE, who, "drive.eds")
+    names(str(refused.value), "node ID", "1 to 127")
+
+
+@pytest.mark.parametrize("text", ["", "[", "[1800]", "[1800sub1]\nParameterName=x", "\x00"])
+def test_a_file_that_is_no_eds(read: Callable[..., can.CanFile], text: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        read(text, "5", "drive.eds")
+    assert "drive.eds" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+# --- what is generated ---------------------------------------------------------------------------
+
+
+def test_the_library(tmp_path: Path, read: Callable[..., can.CanFile], bus: Bus) -> None:
+    files = [read(DBC, "ECU"), read(DRIVE, "5", "drive.eds")]
+    report = generate(bus, "Plant", tmp_path, messages=files)
+    assert any("RPDO2" in line for line in report.details())
+    library = tmp_path / "Plant"
+    assert list(check_structure(library)) == []
+    assert list(check_syntax(library)) == []
+    assert list(check_conventions(library)) == []
+    assert list(check_translation(tmp_path, ["Plant.Examples.AllSlaves"])) == []
+
+
+def test_later_runs_remember_the_files(
+    tmp_path: Path, read: Callable[..., can.CanFile], bus: Bus
+) -> None:
+    generate(bus, "Plant", tmp_path, messages=[read(DBC, "ECU")])
+    assert not generate(bus, "Plant", tmp_path, check=True).is_change
+    assert not generate(bus, "Plant", tmp_path, messages=[read(DBC, "ECU")], check=True).is_change
+    moved = sample_buses.troll()
+    del moved.slaves[SLAVE]
+    with pytest.raises(StateError) as refused:
+        generate(moved, "Plant", tmp_path)
+    names(str(refused.value), "file.dbc", "slave 7", "--can none")
+    generate(bus, "Plant", tmp_path, messages=[])
+    assert not (tmp_path / "Plant" / "Resources" / "can.json").exists()
+    assert "motorSpeed" not in (tmp_path / "Plant" / "EL6751_2.mo").read_text()
+
+
+def test_a_terminal_with_a_name_is_found_where_it_is(
+    tmp_path: Path, read: Callable[..., can.CanFile], bus: Bus
+) -> None:
+    bus.slaves[SLAVE].given_name = "bridge"
+    generate(bus, "Plant", tmp_path, messages=[read(DBC, "ECU")])
+    moved = sample_buses.troll()
+    moved.slaves[6].given_name = "bridge"
+    generate(moved, "Plant", tmp_path)
+    assert "position = 6" in (tmp_path / "Plant" / "Bridge.mo").read_text()
+    assert "motorSpeed" in (tmp_path / "Plant" / "Bridge.mo").read_text()
+
+
+def test_differences(tmp_path: Path, read: Callable[..., can.CanFile], bus: Bus) -> None:
+    generate(bus, "Plant", tmp_path, messages=[read(DBC, "ECU")])
+    text = DBC.replace('"rpm"', '"rad/s"').replace("Enable : 32|1@1+", "Enable : 33|1@1+")
+    text = text.replace(' SG_ Torque : 32|32@1- (1,0) [0|0] "N.m" ECU\n', "")
+    text = text.replace("SIG_VALTYPE_ 385 Torque : 1;\n", "")
+    report = generate(bus, "Plant", tmp_path, messages=[read(text, "ECU")], check=True)
+    lines = "\n".join(item.sentence for item in report.differences)
+    names(lines, "motorSpeed", "rpm", "rad/s")
+    names(lines, "start bit 32", "start bit 33")
+    names(lines, "motorTorque", "is gone")
+    assert not report.otherwise
+
+
+NAMES = st.text(st.characters(codec="utf-8"), max_size=40)
+
+
+@settings(max_examples=40, deadline=None)
+@given(NAMES, NAMES, NAMES)
+def test_any_text_of_a_file_stays_a_text(message: str, signal: str, unit: str) -> None:
+    entry = Entry(1, 0, signal, 0x1B, 8, unit=unit, values=[Value(1, unit)], note=signal)
+    made = [
+        can.CanMessage(
+            message, number, False, 8, sent, note=unit, signals=(can.CanSignal(entry, 0),)
+        )
+        for number, sent in enumerate((True, False))
+    ]
+    file = can.CanFile(SLAVE, "", 2, 0x1A5F3052, message, tuple(made), (signal,))
+    assert can.parse(can.dump([file])) == (file,)
+    for path, text in render(build_library(sample_buses.troll(), "Plant", [file])).items():
+        if path == "EL6751_2.mo":
+            assert parse(text.decode()) is not None
+        if path.endswith(".h"):
+            assert re.search(r'ecatm_can_signal_open\(block->message_1, "[ -~]*"', text.decode())
+
+
+def test_a_damaged_memory_counts_as_none() -> None:
+    for data in (None, b"", b"[]", b'{"schema": 1, "files": [{}]}', b"\xff"):
+        assert can.parse(data) == ()
+
+
+def is_refused_with_a_sentence(text: str, name: str, who: str) -> None:
+    """If a file cannot be read, one line says so; any other failure fails the test."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / name
+        file.write_bytes(text.encode("utf-8", "replace"))
+        said = ""
+        try:
+            found = can.read_request(can.parse_option(f"7={file}@{who}"), sample_buses.troll())
+            render(build_library(sample_buses.troll(), "Plant", [found]))
+        except EcatError as error:
+            said = str(error)
+    assert "\n" not in said
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, len(DBC) - 1), st.integers(1, 40), st.text(max_size=12))
+def test_damaged_dbc_files(at: int, length: int, text: str) -> None:
+    is_refused_with_a_sentence(DBC[:at] + text + DBC[at + length :], "x.dbc", "ECU")
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, len(DRIVE) - 1), st.integers(1, 40), st.text(max_size=12))
+def test_damaged_eds_files(at: int, length: int, text: str) -> None:
+    is_refused_with_a_sentence(DRIVE[:at] + text + DRIVE[at + length :], "x.eds", "5")
