@@ -254,7 +254,10 @@ void ecat_session_init(ecat_session *session, const ecat_session_settings *setti
 
 void ecat_session_end(ecat_session *session) {
   ecat_session_slave *slave;
-  if (session->bus != NULL) ecat_can_end(session->bus);
+  if (session->bus != NULL) {
+    session_can_flush(session);
+    ecat_can_end(session->bus);
+  }
   disconnect(session);
   session_observe_nothing(session);
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = slave->told = 0;

@@ -26,6 +26,7 @@ void session_forget_claims(ecat_session *session);
 /* session_can.c */
 int session_can_find(ecat_session_slave *slave);   /* its channel on the bus that has just been connected */
 int session_can_resolve(ecat_session *session);    /* the messages of all channels, which were found */
+void session_can_flush(ecat_session *session);     /* waits a little until what it has handed over was sent */
 void session_can_forget(ecat_session *session);    /* the session begins again */
 int session_can_settle(ecat_session *session);     /* sends what waits for signals that were not written */
 int session_can_observe(ecat_session *session);    /* reads the frames up to the cycle of the sample */

@@ -9,6 +9,7 @@
 #include "internal.h"
 
 #define RECLAIM_NS 100000000u /* between two claims of one channel */
+#define LAST_FRAMES_S 0.2     /* that frames have to be sent in when the session ends */
 #define EXACT 1e-9            /* part of a limit that rounding may have changed */
 
 enum { FRAMES = 64 };         /* that are read in one call */
@@ -231,6 +232,13 @@ int ecat_session_add_signal(ecat_session_signal *signal) {
   while (*last != NULL) last = &(*last)->next;
   *last = signal;
   return 0;
+}
+
+void session_can_flush(ecat_session *session) {
+  int i;
+  if (session->outage != 0) return;
+  for (i = 0; i < ECAT_MAX_CAN; i++)
+    if (session->can_claimed >> i & 1) (void)ecat_can_flush(session->bus, i, LAST_FRAMES_S);
 }
 
 void session_can_forget(ecat_session *session) {

@@ -517,6 +517,23 @@ def test_safe_frames_are_sent_before_the_daemon_ends(
         assert daemon.process.wait(PATIENCE) == 0
 
 
+def test_safe_frames_that_cannot_be_sent_are_told(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    config = CONFIG.replace("bus_off_restart_ms = 100", "bus_off_restart_ms = 0")
+    daemon = start_daemon(str(rig), config=config)
+    with channel(daemon, LEFT) as left:
+        left.can.claim()
+        left.can.send(0x201)
+        left.can.flush(PATIENCE)
+        simulator(daemon, "can-bus-off", str(LEFT))
+        wait_for(lambda: left.can.info.state == CanState.BUS_OFF, daemon)
+        daemon.process.terminate()
+        assert daemon.process.wait(PATIENCE) == 0
+    (line,) = [line for line in daemon.log.splitlines() if "safe frames were not sent" in line]
+    names(line, "left", "bus-off")
+
+
 def test_no_frame_goes_to_a_daemon_that_has_ended(
     start_daemon: Callable[..., Daemon], rig: Path
 ) -> None:
@@ -696,6 +713,28 @@ def test_wrong_arguments_are_explained(
     result = daemon.ctl("can", *arguments, check=False)
     assert result.returncode == 2, result
     names(result.stderr, *words)
+
+
+def test_config_check_warns_as_a_start_does(daemon: Daemon, tmp_path: Path) -> None:
+    file = tmp_path / "long.toml"
+    rest = "frames_per_second = 1000\nreceive_queue = 30\n"
+    file.write_text(CONFIG.replace(rest, "layout = 'esd-c2922'\n", 1))
+    warnings = daemon.ctl_json("config", "check", str(file))["warnings"]
+    (queues,) = [text for text in warnings if "frames_per_second" in text]
+    names(queues, "right", "bit_rate")
+    (layout,) = [text for text in warnings if "leave layout out" in text]
+    names(layout, "right", "EL6751")
+
+
+def test_a_long_start_up_parameter_that_differs_is_shown_by_its_place(
+    daemon: Daemon, tmp_path: Path
+) -> None:
+    file = tmp_path / "filters.toml"
+    file.write_text(CONFIG.replace("bit_rate = 500\n", "bit_rate = 500\nfilters = [0x100]\n", 1))
+    shown = daemon.ctl("startup", "verify", "left", "--config", str(file), check=False).stdout
+    (line,) = [line for line in shown.splitlines() if "0x8001:00" in line]
+    names(line, "different: first in byte 3")
+    assert max(map(len, shown.splitlines())) < 160
 
 
 def test_counters_arrive_everywhere(daemon: Daemon) -> None:

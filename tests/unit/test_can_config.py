@@ -252,7 +252,7 @@ def test_a_fast_mode(tmp_path: Path) -> None:
     config = load(tmp_path, f"{HEAD}bit_rate = 500\nmode = 'fast'\nflags = 0x10\n")
     found = channel(config, terminal())
     assert (found.mode, found.identifiers, found.layout) == (Mode.FAST, 11, PROFILE_11)
-    assert (found.receive_queue, found.send_queue, found.remark) == (11, 11, "")
+    assert (found.receive_queue, found.send_queue, found.remarks) == (11, 11, ())
     objects = [item.index for item in EL6751.written(found.settings)]
     assert 0x8001 not in objects
     assert not found.mode.acknowledged
@@ -275,15 +275,14 @@ def test_queues_are_long_enough(
     """For a full bus as far as the terminal can, or for what is asked for."""
     found = channel(load(tmp_path, HEAD + text), terminal())
     assert (found.receive_queue, found.send_queue) == (receive, send)
-    assert bool(found.remark) == remarked
+    assert bool(found.remarks) == remarked
 
 
 def test_the_remark_says_what_the_queues_carry(tmp_path: Path) -> None:
     """And what to write if that is enough, or is not."""
     found = channel(load(tmp_path, f"{HEAD}bit_rate = 500\n"), terminal())
-    names(
-        found.remark, "slave[0].can.bit_rate", 6400, 10638, "frames_per_second", "601 µs", '"fast"'
-    )
+    (remark,) = found.remarks
+    names(remark, "slave[0].can.bit_rate", 6400, 10638, "frames_per_second", "601 µs", '"fast"')
 
 
 def test_the_cycle_is_that_of_the_domain(tmp_path: Path) -> None:
@@ -374,6 +373,16 @@ def test_a_slave_that_is_no_known_terminal(tmp_path: Path) -> None:
     names(caught.value, "slave[0].can", "layout")
     found = channel(load(tmp_path, f"{HEAD}bit_rate = 500\nlayout = 'esd-c2922'\n"), other)
     assert (found.terminal, found.layout) == (ESD, PROFILE_29)
+    assert not [text for text in found.remarks if "leave layout out" in text]
+
+
+def test_a_known_terminal_that_is_used_like_another_one(tmp_path: Path) -> None:
+    """The file decides, and ecatd says that it does."""
+    text = f"{HEAD}bit_rate = 500\nlayout = 'esd-c2922'\nframes_per_second = 1000\n"
+    found = channel(load(tmp_path, text), terminal())
+    assert found.terminal == ESD
+    (remark,) = found.remarks
+    names(remark, "slave[0].can.layout", "EL6751", "C.2922", '"esd-c2922"')
 
 
 def test_a_terminal_needs_coe(tmp_path: Path) -> None:

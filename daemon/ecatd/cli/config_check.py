@@ -19,6 +19,7 @@ from ecatd.config.profiles import load_profiles
 from ecatd.config.resolve import (
     alike_slaves,
     can_change,
+    can_channel,
     load_description,
     misfits,
     missing_folders,
@@ -98,6 +99,7 @@ def check(options: argparse.Namespace) -> int:
     in_esi = {} if options.esi is None else described(bus, options.esi, findings)
     warnings += findings.texts
     differences += _forbidden(moved, bus, in_esi)
+    warnings += _can_remarks(moved, bus)
     contradicting, decided = contradictions(moved, bus, in_esi, gone | unexpected.keys())
     differences += contradicting
     notes += decided
@@ -246,6 +248,14 @@ def _changed_pdos(wanted: Config, bus: Bus, unknown: Collection[int]) -> dict[in
         with Collected():  # what is wrong with the table itself is found elsewhere
             changes[n] = changes[n] or can_change(wanted, wanted.settings_of(n), slave)
     return {n: text for n, text in changes.items() if text}
+
+
+def _can_remarks(wanted: Config, bus: Bus) -> Iterator[str]:
+    """What a start would warn of about the CAN buses behind terminals."""
+    for settings in wanted.slave:
+        if settings.can is not None and settings.position < len(bus.slaves):
+            with Collected():  # what is wrong with the table itself is found elsewhere
+                yield from can_channel(wanted, settings.can, bus.slaves[settings.position]).remarks
 
 
 def _refused_pdos(

@@ -39,7 +39,7 @@ from .arguments import connect, slave
 from .bus_source import use_bus_of
 from .dictionary import objects_of, read_objects
 from .esi_devices import device_of
-from .output import counted, print_json, print_table
+from .output import counted, print_json, print_table, shortened
 from .saving import add_out, save
 
 if TYPE_CHECKING:
@@ -126,6 +126,12 @@ def startup(options: argparse.Namespace) -> int:
 # --- verify --------------------------------------------------------------------------------------
 
 
+_LONGEST_VALUE = 40
+"""Characters of a value in the table; `--json` has them all."""
+_LONG = 8
+"""Bytes from which on a difference is told by its place."""
+
+
 def _verify(remote: Remote, options: argparse.Namespace) -> int:
     bus = remote.describe()
     used = load_config(options.config) if options.config else remote.configuration()[0]
@@ -142,8 +148,8 @@ def _verify(remote: Remote, options: argparse.Namespace) -> int:
                 (
                     bus.slaves[row["slave"]].display_name,
                     row["object"],
-                    row["configured"],
-                    row["has"] if row["has"] is not None else "",
+                    shortened(row["configured"], _LONGEST_VALUE),
+                    shortened(row["has"] or "", _LONGEST_VALUE),
                     row["result"],
                 )
                 for row in rows
@@ -238,9 +244,13 @@ def _value_of(
     except (SdoAbortError, NoAnswerError, StateError) as error:
         secret = isinstance(error, SdoAbortError) and error.code == WRITE_ONLY
         return _Outcome.SECRET if secret else _Outcome.UNKNOWN, None, str(error)
-    same = data[: len(parameter.data)] == parameter.data
-    outcome = _Outcome.SAME if same else _Outcome.DIFFERENT
-    return outcome, _shown(parameter, known, data), ""
+    has, wanted = _shown(parameter, known, data), parameter.data
+    if data[: len(wanted)] == wanted:
+        return _Outcome.SAME, has, ""
+    pairs = enumerate(zip(data, wanted, strict=False))
+    at = next((n for n, (one, other) in pairs if one != other), len(data))
+    # The table does not show all of a long value.
+    return _Outcome.DIFFERENT, has, f"first in byte {at}" if len(wanted) > _LONG else ""
 
 
 def _shown(parameter: StartupConfig, known: Entry, data: bytes) -> str:

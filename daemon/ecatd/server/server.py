@@ -64,6 +64,7 @@ from .start.bring_up import BringUp
 from .start.exchange import leases
 from .start.output_limits import OutputLimits
 from .start.running_bus import RunningBus
+from .watch.can import unsent_safe_frames
 from .watch.event_history import EventHistory
 from .watch.monitor import Monitor
 
@@ -379,6 +380,8 @@ class BusServer:
         """Takes the bus down: safe outputs, SAFEOP, INIT, no more frames."""
         self._running.shared.set_state(shm.BusState.STOPPING)
         await asyncio.to_thread(self._running.make_safe)
+        for text in unsent_safe_frames(self._running):
+            self._log.warning(text)
         self._requests.close()
         self._monitor.stop()
         self._monitor.close()

@@ -477,14 +477,22 @@ class Supervisor:
         self._settings["log"] = self._log.levels = levels
 
     async def _end(self) -> None:
-        """Ends the children, the last one first, and gives each time to clean up."""
+        """Ends the children, and gives each time to clean up.
+
+        All but the simulator are asked at once: safe outputs wait for no other process.
+        """
         mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
         seconds = STOP_PATIENCE_S + self._config.outputs.longest_stop + mailboxes / 1e3
         patience = Timeout(seconds, "stop_timeout_s in [[outputs.safe]]")
-        for child in reversed(self._children):
+
+        async def end(child: Child) -> None:
             self._log.debug(f"{child} is asked to end")
             if not await child.stop(patience.seconds):
                 self._log.error(f"{child} did not end within {patience} and was killed")
+
+        simulators = [item for item in self._children if item.name == SIMULATOR]
+        await asyncio.gather(*(end(item) for item in self._children if item not in simulators))
+        await asyncio.gather(*map(end, simulators))
         if folder := self._settings.get("runtime_dir"):
             remove_dir(Path(folder), self._config.bus)
 

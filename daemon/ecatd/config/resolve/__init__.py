@@ -1,7 +1,7 @@
 """Applies the configuration to the description of a bus, without any access to the bus."""
 
 from .alike import alike_slaves
-from .can import CanChannel, SafeFrame, can_change, can_channels, with_can_objects
+from .can import CanChannel, SafeFrame, can_change, can_channel, can_channels, with_can_objects
 from .conditions import unused_conditions
 from .files import load_description, missing_audit_folder, missing_folders
 from .resolved import ResolvedConfig, misfits, resolve_config
@@ -14,6 +14,7 @@ __all__ = [
     "SafeFrame",
     "alike_slaves",
     "can_change",
+    "can_channel",
     "can_channels",
     "check_slaves",
     "check_watchdog",

@@ -88,7 +88,8 @@ class CanChannel:
         safe: Frames that are sent when a sender is gone, in this order.
         bus_off_restart_ms: Milliseconds after which the terminal is started anew when it is
             bus-off; 0: never, or it takes part again by itself.
-        remark: A sentence about queues that are shorter than a full bus needs; else empty.
+        remarks: Sentences about queues that are shorter than a full bus needs, and about a layout
+            that is not that of the terminal.
     """
 
     slave: int
@@ -104,7 +105,7 @@ class CanChannel:
     filters: tuple[Range, ...]
     safe: tuple[SafeFrame, ...]
     bus_off_restart_ms: int
-    remark: str
+    remarks: tuple[str, ...]
 
     @property
     def input_bytes(self) -> int:
@@ -241,7 +242,7 @@ def can_channel(config: Config, can: SlaveCanConfig, slave: Slave) -> CanChannel
     if can.filters and not terminal.filters:
         can.table.fail("filters", f"{name} has no filters: leave them out")
     cycle_us = _cycle_us(config, slave.position)
-    receive, send, remark = _Queues(can, terminal, mode, cycle_us, identifiers, slave).lengths()
+    receive, send, short = _Queues(can, terminal, mode, cycle_us, identifiers, slave).lengths()
     return CanChannel(
         slave=slave.position,
         terminal=terminal,
@@ -256,7 +257,7 @@ def can_channel(config: Config, can: SlaveCanConfig, slave: Slave) -> CanChannel
         filters=ranges(can.filters),
         safe=tuple(map(SafeFrame.of, can.safe)),
         bus_off_restart_ms=0 if terminal.recovers else can.bus_off_restart_ms,
-        remark=remark,
+        remarks=tuple(text for text in (_other_layout(can, terminal, slave), short) if text),
     )
 
 
@@ -280,6 +281,18 @@ def _terminal(can: SlaveCanConfig, slave: Slave) -> Terminal:
             None, f"{slave.label} has no CoE, so nothing can be set in it: remove the table"
         )
     return known
+
+
+def _other_layout(can: SlaveCanConfig, terminal: Terminal, slave: Slave) -> str:
+    """Says that a terminal that is known is used like another one; else empty."""
+    known = terminal_of(slave.vendor, slave.product)
+    if known is None or known is terminal:
+        return ""
+    return (
+        f"{can.table.where('layout')}: {slave.label} is the terminal {known.name}, but ecatd uses "
+        f'it like {terminal.name}, as layout = "{terminal.key}" says: leave layout out unless it '
+        "behaves like that"
+    )
 
 
 def _identifiers(can: SlaveCanConfig, terminal: Terminal, mode: Mode, name: str) -> int:

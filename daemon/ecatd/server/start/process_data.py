@@ -54,8 +54,8 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     for sentence in resolved.safe.unguarded:
         log.warning(sentence)
     for channel in resolved.can:
-        if channel.remark:
-            log.warning(channel.remark)
+        for remark in channel.remarks:
+            log.warning(remark)
     channels = {channel.slave for channel in resolved.can}
     image = lay_out(bus, without_lrw(master, found.present), channels)
     wire = wire_time(

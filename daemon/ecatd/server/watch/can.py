@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from functools import partial
 from typing import Any, Protocol
 
@@ -42,6 +42,7 @@ _LONGEST_PAUSE = 60.0
 """Seconds between two starts of a terminal that is bus-off again and again."""
 _SETTLES = 0.5
 """Seconds after a start in which its state is known."""
+_SENDS = (CanState.ACTIVE, CanState.WARNING)
 _BAD = (CanState.WARNING, CanState.PASSIVE, CanState.BUS_OFF)
 
 _ENDS = {
@@ -173,7 +174,7 @@ class CanWatch:
                 good = reason in _EXPECTED
                 text = f"{client} {_ENDS.get(reason, reason.name)} on the CAN channel of {label}"
                 if not good:
-                    text += "; its frames that waited were dropped, and the safe frames are sent"
+                    text += f"; its frames that waited were dropped{self._safe_frames(event.slave)}"
                 facts["reason"] = reason.name.lower()
             case EventType.CAN_REFUSED:
                 text = (
@@ -208,11 +209,29 @@ class CanWatch:
             level=level,
         )
 
+    def _safe_frames(self, slave: int) -> str:
+        if not self._channels[slave].safe:
+            return "; its [slave.can] has no safe frames"
+        works = CanState(self._rows[slave].state) in _SENDS
+        when = "" if works else " as soon as the CAN controller works"
+        return f", and the safe frames are sent{when}"
+
     def _counts(self, slave: int, state: CanState) -> str:
         if state not in _BAD:
             return ""
         row = self._rows[slave]
         return f" (error counters {row.send_errors} sent, {row.receive_errors} received){_CHECK}"
+
+
+def unsent_safe_frames(running: RunningBus) -> Iterator[str]:
+    """Tells, when the bus stops, of which terminals the safe frames cannot have been sent."""
+    for row in running.shared.can[: running.shared.header.can_count]:
+        state = CanState(row.state)
+        if row.safe_active and state not in _SENDS:
+            yield (
+                f"{running.bus.slaves[row.slave].label}: the safe frames were not sent, since "
+                f"{_STATES[state]}: what is on its CAN bus goes on as it does without a sender"
+            )
 
 
 def _identifier(word: int) -> str:
