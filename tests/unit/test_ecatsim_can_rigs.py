@@ -111,6 +111,20 @@ def test_a_babbling_node_leaves_no_room(simulation):
     assert keeper.ids.count(0x700) == before
     simulation.faults.can_babble(1, end=True)
     run_until(simulation, lambda: keeper.ids.count(0x700) > before + 3)
+    babbler = bus.places.index("babbling node")
+    assert bus.node_status(babbler).state == NodeState.NO_POWER, "it would acknowledge frames"
+    simulation.faults.can_babble(1, id=0x11)
+    run_until(simulation, lambda: 0x11 in keeper.ids)
+
+
+def test_a_name_of_two_nodes_is_none(simulation):
+    (bus,) = simulation.rig.can
+    place = bus.add_place("Keeper")
+    with pytest.raises(UsageError, match=naming("can-node", "0 and 3", "keeper", "number")):
+        simulation.faults.can_node(1, "keeper", "off")
+    bus.power(place, True)
+    simulation.faults.can_node(1, str(place), "off")
+    assert bus.node_status(place).state == NodeState.NO_POWER
 
 
 def test_the_terminal_goes_bus_off(simulation):

@@ -331,7 +331,8 @@ class CanBus:
         """Has a node send a frame again and again, as fast as the bus allows; None: no more."""
         if self._babbler is None:
             self._babbler = self.add_place("babbling node")
-            self.power(self._babbler, True)
+        # A silent one would still acknowledge frames of others.
+        self.power(self._babbler, identifier is not None)
         self.clear_traffic(self._babbler)
         if identifier is not None:
             self.add_traffic(self._babbler, Traffic(identifier))

@@ -108,8 +108,15 @@ class CanNodeFault(CanFault):
     def _place(self, target: Target) -> int:
         bus = self._bus(target)
         names = [name.casefold() for name in bus.places]
-        if self.node.casefold() in names:
-            return names.index(self.node.casefold())
+        named = [n for n, name in enumerate(names) if name == self.node.casefold()]
+        if len(named) > 1:
+            numbers = " and ".join(map(str, named))
+            raise UsageError(
+                f"{self.kind}: CAN nodes {numbers} are called '{bus.places[named[0]]}': say which "
+                "one by its number"
+            )
+        if named:
+            return named[0]
         if self.node.isdecimal() and int(self.node) < len(names):
             return int(self.node)
         hint = did_you_mean(self.node, bus.places, most=3) or f"there are {', '.join(bus.places)}"
