@@ -206,6 +206,7 @@ static int resolve(ecat_session *session) {
     code = session->settings.check(session->settings.context);
   if (code != 0) return code;
   session->instance = ecat_instance(session->bus);
+  session->losses++;
   session->attached = 1;
   session->in_step = 0;
   return 0;

@@ -121,8 +121,17 @@ static int stage(ecat_session_slave *slave) {
   return code;
 }
 
-/* Claims lost outputs again and commits all values, at most every RECLAIM_NS. CAN channels are claimed by the next
- * message. */
+/* Whether a slave is a drive: it has a controlword, 0x6040 of the first axis (ETG.6010). */
+static int is_drive(const ecat_session_slave *slave) {
+  const ecat_session_entry *entry = slave->entries;
+  while (entry != NULL && !(entry->expected.output && entry->expected.index >= 0x6040 &&
+                            (entry->expected.index - 0x6040) % 0x800 == 0))
+    entry = entry->next;
+  return entry != NULL;
+}
+
+/* Claims lost outputs again and commits all values, at most every RECLAIM_NS. The values of drives are of before the
+ * loss, and could start them: the next sample writes others. CAN channels are claimed by the next message. */
 static int reclaim(ecat_session *session) {
   uint64_t before = session->lost_ns;
   ecat_session_slave *slave;
@@ -131,12 +140,13 @@ static int reclaim(ecat_session *session) {
   if (ecat_now() - before < RECLAIM_NS) return ECAT_ELEASE;
   if (owns_outputs(session) && (code = claim(session)) != 0) return code;
   session->lost_ns = ecat_now();
+  session->losses++;
   if (session->lost_ns - before > QUIET_NS)
     session_tell(session, 1, "%s; %s %s", session->problem, session->settings.program,
                  owns_outputs(session) ? "has claimed them again" : "sends again");
   if (!owns_outputs(session)) return 0;
   for (slave = session->slaves; code == 0 && slave != NULL; slave = slave->next)
-    if (slave->writes) code = stage(slave);
+    if (slave->writes && !is_drive(slave)) code = stage(slave);
   return code != 0 ? code : ecat_session_client(session, ecat_commit(session->bus));
 }
 

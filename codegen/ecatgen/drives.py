@@ -32,11 +32,11 @@ _FROM_SLAVE = {
     0x6078: (Code("currentActualValue"), 140),
 }
 _FLAGS = {
-    0x6061: (Code("useModeDisplay"), Code("ECATM_HAS_MODE_DISPLAY")),
-    0x6064: (Code("usePosition"), Code("ECATM_HAS_POSITION")),
-    0x606C: (Code("useVelocity"), Code("ECATM_HAS_VELOCITY")),
-    0x6077: (Code("useTorque"), Code("ECATM_HAS_TORQUE")),
-    0x6078: (Code("useCurrent"), Code("ECATM_HAS_CURRENT")),
+    0x6061: (Code("useModeDisplay"), Code("ECAT_DRIVE_HAS_MODE_DISPLAY")),
+    0x6064: (Code("usePosition"), Code("ECAT_DRIVE_HAS_POSITION")),
+    0x606C: (Code("useVelocity"), Code("ECAT_DRIVE_HAS_VELOCITY")),
+    0x6077: (Code("useTorque"), Code("ECAT_DRIVE_HAS_TORQUE")),
+    0x6078: (Code("useCurrent"), Code("ECAT_DRIVE_HAS_CURRENT")),
 }
 _CONTROL_WORD, _STATUS_WORD, _MODE = 0x6040, 0x6041, 0x6060
 _MODES = Code("EtherCAT.Types.DriveMode.%s")

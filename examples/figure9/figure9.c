@@ -88,7 +88,7 @@ static void experiment(double seconds) {
   int n, samples = (int)(seconds / SAMPLE_TIME + 0.5), skipped = 0, last = 0;
   int every = isatty(STDERR_FILENO) ? 100 : 1000;
 
-  ecatm_drive_defaults(&settings, ECATM_CYCLIC_VELOCITY, 65536);
+  ecatm_drive_defaults(&settings, ECAT_DRIVE_CYCLIC_VELOCITY, 65536);
   settings.rated_torque = settings.max_torque = 0.4;
   settings.rated_current = 5;
   TrollPlant_Drives_GoldGCONDrive_open(&drive, run.master, 1, &settings, NULL, 0);

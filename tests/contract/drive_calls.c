@@ -22,7 +22,7 @@ typedef struct axis {
 axis *axis_open(const char *bus, double sample_time, double lease, int failure, int position, int vendor, int product,
                 const ecatm_drive_settings *settings, const int *start_up, int rows) {
   axis *a = calloc(1, sizeof *a);
-  int n, count = settings->entries & ECATM_HAS_CURRENT ? 6 : 5;
+  int n, count = settings->entries & ECAT_DRIVE_HAS_CURRENT ? 6 : 5;
   a->master = ecatm_master_open(bus, 1, sample_time, 1, lease, ECAT_FAILURE_ERROR, failure, 0, 0, 0, "");
   a->domain = ecatm_domain_open(a->master, 1, "");
   a->slave = ecatm_slave_open(a->domain, position, "", vendor, product, 0, "a drive", "", "nothing", "");

@@ -166,6 +166,7 @@ def test_the_mode_is_changed_only_outside_of_operation(calls: ctypes.CDLL) -> No
     drive.step(State.OPERATION_ENABLED, 5.0, display=Mode.CYCLIC_POSITION)
     assert not drive.enabled
     assert (drive.word, drive.out[1]) == (0x07, Mode.CYCLIC_POSITION)
+    drive.step(State.SWITCHED_ON, 5.0, display=Mode.CYCLIC_POSITION, enable=0)
     drive.step(State.SWITCHED_ON, 5.0, display=Mode.CYCLIC_POSITION)
     assert (drive.word, drive.out[1]) == (0x07, Mode.CYCLIC_VELOCITY)
     drive.step(State.SWITCHED_ON, 5.0, display=Mode.CYCLIC_VELOCITY)
@@ -231,6 +232,9 @@ def test_a_short_quick_stop_is_not_lost(calls: ctypes.CDLL) -> None:
     assert drive.word == 0x00
     drive.step(State.SWITCH_ON_DISABLED, 5.0)
     assert drive.word == 0x06
+    drive.step(State.READY_TO_SWITCH_ON, 5.0)
+    assert drive.word == 0x06, "it waits for an edge of enable"
+    drive.step(State.READY_TO_SWITCH_ON, 5.0, enable=0)
     drive.go_into_operation(5.0)
 
 
@@ -275,9 +279,11 @@ def test_a_drive_restarts_by_itself_only_if_it_is_to(calls: ctypes.CDLL, loss: s
 
 
 def test_the_edge_that_resets_a_fault_enables_the_drive(calls: ctypes.CDLL) -> None:
-    """As without an input of its own for the reset; also at the start."""
+    """As without an input of its own for the reset; what is true from the start on is no edge."""
     drive = Logic(calls, settings(Mode.CYCLIC_VELOCITY))
-    for enable in (1, 0, 1):  # the first one is true from the start on
+    drive.step(State.FAULT, enable=1, fault_reset=1)
+    assert drive.word == 0
+    for enable in (0, 1, 0, 1):
         drive.step(State.FAULT, enable=enable, fault_reset=enable)
         assert drive.word == (0x80 if enable else 0)
         if enable:
@@ -314,7 +320,7 @@ REFUSED = {
     "approachSpeed must be positive": "s.approach_speed = 0",
     "standstillSpeed must not be negative": "s.standstill_speed = -1",
     "maxDropout must not be negative": "s.max_dropout = s.encoder / 0.0 - s.encoder / 0.0",
-    "restart must be Automatic or NeedsEdgeOfEnable": "s.restart = 0",
+    "restart must be Automatic or Edge": "s.restart = 0",
     "axis must be 1 to 8": "s.axis = 9",
     "needs the actual position 0x6064": "s.mode = 8, s.entries = 1",
 }
@@ -324,7 +330,7 @@ PROGRAM = """
 int main(void) {
   static ecatm_master master;
   ecatm_drive_settings s;
-  ecatm_drive_defaults(&s, ECATM_CYCLIC_VELOCITY, 65536);
+  ecatm_drive_defaults(&s, ECAT_DRIVE_CYCLIC_VELOCITY, 65536);
   CHANGE;
   ecatm_drive_new(&master, 3, "", &s, NULL, 0, "");
   return 0;

@@ -160,7 +160,8 @@ def test_a_quick_stop_is_brought_to_its_end_and_left_without_a_jump(
         assert abs(player.a.w) < 2
         position = player.a.phi
         player.reference = lambda time: 1000.0
-        player.until(lambda: player.a.enabled)
+        player.disable()
+        player.enable()
         player.run(0.2)
         assert player.a.phi == pytest.approx(position, abs=0.1)
         player.disable()
@@ -200,7 +201,8 @@ def test_a_quick_stop_that_holds_the_drive(play: Play, drives: Daemon) -> None:
             assert player.a.state == State.QUICK_STOP_ACTIVE
             assert not player.a.enabled
             player.set(quick_stop=False)
-            player.until(lambda: player.a.enabled)
+            player.disable()
+            player.enable()
             player.disable()
     finally:
         drives.ctl("sdo-write", str(GENERIC), "0x605A", "0", "2")

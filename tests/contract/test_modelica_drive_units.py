@@ -53,7 +53,8 @@ int main(int argc, char **argv) {
   int n, enabled = 0;
   double from = 0;
   void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 30, 1, 2, 0, 0, 0, "");
-  ecatm_drive_defaults(&settings, ECATM_CYCLIC_VELOCITY, 1); /* 1: what follows from the units */
+  /* 1: what follows from the units */
+  ecatm_drive_defaults(&settings, ECAT_DRIVE_CYCLIC_VELOCITY, 1);
   Plant_Drives_GoldGCONDrive_open(&drive, master, 1, &settings, NULL, 0);
   for (n = 0; n < 20000; n++) {
     double time = 0.001 * n;

@@ -70,7 +70,7 @@ def test_a_position_drive_that_gets_its_mode_by_sdo() -> None:
     assert "final modeInProcessData = false" in drive.modifiers
     assert "final useVelocity = false" in drive.modifiers
     assert drive.mode_object == 0x6060
-    assert drive.entries == "ECATM_HAS_POSITION"
+    assert drive.entries == "ECAT_DRIVE_HAS_POSITION"
 
 
 def test_outputs_that_the_state_machine_does_not_know_are_parameters() -> None:

@@ -188,6 +188,7 @@ typedef struct ecat_session {
   char problem[ECAT_SESSION_TEXT]; /* the error text of the last failure */
   int outage;                    /* code of the failure that still lasts, 0: none */
   unsigned connections;          /* counts connections: handles of an earlier one are invalid */
+  unsigned losses;               /* counts connections and losses of claims: drives must not go on after one */
   uint64_t missed;               /* bus cycles that the program has missed between two waits */
   int in_step;                   /* there was a wait, and the next wait counts its cycles from there */
   /* Of the last sample: */

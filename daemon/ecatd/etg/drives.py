@@ -31,7 +31,7 @@ _STATE_MASK = 0x4F
 _FAULTS = (0x08, 0x0F)
 """Fault, and fault reaction active."""
 
-_ERROR_TEXTS = {
+ERROR_TEXTS = {
     0x2310: "continuous overcurrent",
     0x2320: "short circuit or earth leakage",
     0x2330: "earth leakage",
@@ -61,4 +61,4 @@ def is_fault(statusword: int) -> bool:
 
 def error_text(code: int) -> str:
     """An error code of object 0x603F in words."""
-    return f"error code 0x{code:04X} ({_ERROR_TEXTS.get(code) or error_class(code)})"
+    return f"error code 0x{code:04X} ({ERROR_TEXTS.get(code) or error_class(code)})"

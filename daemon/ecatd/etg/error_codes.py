@@ -98,7 +98,7 @@ def abort_error(code: int, message: str = "") -> SdoAbortError:
     return SdoAbortError(code, message, abort_text(code))
 
 
-_EMERGENCY_CLASSES = {
+ERROR_CLASSES = {
     0x00: "error reset",
     0x10: "generic error",
     0x20: "current",
@@ -133,7 +133,7 @@ def error_class(code: int) -> str:
     """The class of an error code, such as `temperature`."""
     high = code >> 8
     main = high & 0xF0 or high  # 0x01 to 0x0F are no subclasses of "error reset"
-    return _EMERGENCY_CLASSES.get(high) or _EMERGENCY_CLASSES.get(main, "unknown class")
+    return ERROR_CLASSES.get(high) or ERROR_CLASSES.get(main, "unknown class")
 
 
 def error_code_text(code: int) -> str:

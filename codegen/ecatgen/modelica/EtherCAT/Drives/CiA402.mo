@@ -214,11 +214,12 @@ the next enabling is like the first one.
 <h4>Restart</h4>
 <p>
 A speed or a torque reference acts at full size as soon as the drive is enabled. So after a loss (no valid data for
-<code>maxDropout</code>, or another daemon), after a fault, and when the drive has left its operation by itself, the drive
-stays off until <code>enable</code> is switched off and on: <code>restart = NeedsEdgeOfEnable</code>, the default. A message
-says so once. With <code>restart = Automatic</code> the drive is enabled again as soon as that is possible. When the drive
-appears for the first time, an <code>enable</code> that is true already is enough. See
-<a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a>.
+<code>maxDropout</code>, a lease that the model has missed, or another daemon), after a fault or a quick stop, and when the
+drive has left its operation by itself, the drive stays off until <code>enable</code> is switched off and on:
+<code>restart = Edge</code>, the default. A message says so once. With <code>restart = Automatic</code> the drive is enabled
+again as soon as that is possible. When the drive appears for the first time, is switched off and has no fault, an
+<code>enable</code> that is true already is enough. <a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a> has
+a table of all cases.
 </p>
 <h4>Parameters and the drive</h4>
 <p>

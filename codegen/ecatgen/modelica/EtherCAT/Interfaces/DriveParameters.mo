@@ -9,8 +9,8 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
   parameter Modelica.Units.SI.AngularVelocity approachSpeed(min = 0) = 1
     "Largest speed on the way to an absolute position after enabling"
     annotation (Dialog(group = "Operation", enable = mode == EtherCAT.Types.DriveMode.CyclicPosition and reference == EtherCAT.Types.DriveReference.Absolute));
-  parameter EtherCAT.Types.DriveRestart restart = EtherCAT.Types.DriveRestart.NeedsEdgeOfEnable
-    "What enables the drive again after a loss or a fault"
+  parameter EtherCAT.Types.DriveRestart restart = EtherCAT.Types.DriveRestart.Edge
+    "What enables the drive again after a loss, a fault or a quick stop"
     annotation (Dialog(group = "Operation"));
   parameter Boolean useQuickStop = false "= true, if there is an input that stops the drive quickly"
     annotation (Evaluate = true, HideResult = true, choices(checkBox = true), Dialog(group = "Operation"));

@@ -30,11 +30,12 @@ torque and rated current. Most drives have them in the objects 0x608F, 0x6076 an
 <li>Limit the torque by <code>tau_max</code>. If the process data have no 0x6072 and the mode is not a torque mode,
 limit it in the drive. Begin with a speed that cannot do harm.</li>
 <li>Hold integrators of controllers in the model until <code>enabled</code> is true.</li>
-<li>A fault that exists at the start is reset when <code>enable</code> is true, unless <code>useFaultReset</code>
-adds a separate input for the reset. After a quick stop the drive is enabled again as long as <code>enable</code>
-is true.</li>
-<li>After a loss or a later fault the drive stays off until <code>enable</code> is switched off and on. With <code>restart =
-Automatic</code> it starts by itself: see <a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a>.</li>
+<li>With <code>enable</code> true from the first sample on, a drive that is switched off and has no fault starts. One that has
+a fault waits until <code>enable</code> is switched off and on, which resets the fault, unless <code>useFaultReset</code>
+adds a separate input for that.</li>
+<li>After a loss, a fault or a quick stop the drive stays off until <code>enable</code> is switched off and on. With
+<code>restart = Automatic</code> it starts by itself: see
+<a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a>.</li>
 <li>Watch <code>valid</code> and the state of the drive in the first simulation, with <code>enable</code>
 false.</li>
 </ol>

@@ -4,51 +4,17 @@
 
 #include "ecatm_drive_data.h"
 #include "ecatm_sdo_list.h"
+#include <ecat/ecat_drive.h>
 
-/* Numbers of EtherCAT.Types.DriveState. */
-enum ecatm_drive_state {
-  ECATM_NOT_READY_TO_SWITCH_ON = 1,
-  ECATM_SWITCH_ON_DISABLED,
-  ECATM_READY_TO_SWITCH_ON,
-  ECATM_SWITCHED_ON,
-  ECATM_OPERATION_ENABLED,
-  ECATM_QUICK_STOP_ACTIVE,
-  ECATM_FAULT_REACTION_ACTIVE,
-  ECATM_FAULT
-};
-
-/* Modes of operation, object 0x6060. */
-enum ecatm_drive_mode {
-  ECATM_PROFILE_POSITION = 1,
-  ECATM_PROFILE_VELOCITY = 3,
-  ECATM_PROFILE_TORQUE = 4,
-  ECATM_CYCLIC_POSITION = 8,
-  ECATM_CYCLIC_VELOCITY = 9,
-  ECATM_CYCLIC_TORQUE = 10
-};
-
-/* Numbers of EtherCAT.Types.DriveReference. */
-enum ecatm_drive_reference { ECATM_RELATIVE = 1, ECATM_ABSOLUTE };
-
-/* Numbers of EtherCAT.Types.DriveRestart. */
-enum ecatm_drive_restart { ECATM_AUTOMATIC = 1, ECATM_NEEDS_EDGE_OF_ENABLE };
-
-/* Objects in the process data, in addition to control word and status word. */
-enum ecatm_drive_entries {
-  ECATM_HAS_MODE_DISPLAY = 1,
-  ECATM_HAS_POSITION = 2,
-  ECATM_HAS_VELOCITY = 4,
-  ECATM_HAS_TORQUE = 8,
-  ECATM_HAS_CURRENT = 16
-};
+#define ECATM_TWO_PI 6.28318530717958647692
 
 /* The parameters of EtherCAT.Drives.CiA402. */
 typedef struct ecatm_drive_settings {
-  int mode;                      /* enum ecatm_drive_mode */
-  int reference;                 /* enum ecatm_drive_reference, of positions */
-  int restart;                   /* enum ecatm_drive_restart: after a loss or a fault */
+  int mode;                      /* enum ecat_drive_mode */
+  int reference;                 /* enum ecat_drive_reference, of positions */
+  int restart;                   /* enum ecat_drive_restart: after a loss or a fault */
   int axis;                      /* 1 first: 0x800 * (axis - 1) is added to the indices of its objects */
-  int entries;                   /* enum ecatm_drive_entries, added up */
+  int entries;                   /* enum ecat_drive_entries, added up */
   int mode_object;               /* index of the object to write the mode by SDO, 0: in the process data */
   double encoder;                /* increments per revolution of the motor */
   double gear;                   /* revolutions of the motor per revolution of the output */
@@ -61,48 +27,14 @@ typedef struct ecatm_drive_settings {
   double max_dropout;            /* the state is kept for so many seconds without valid data */
 } ecatm_drive_settings;
 
-/* The memory of measure(). Positions are increments of the encoder, without overflow. */
-typedef struct ecatm_drive_view {
-  int seen;                      /* valid data were received */
-  double seen_at;                /* simulation time of the last valid data */
-  double position, velocity;     /* increments, raw */
-  double w;                      /* rad/s of the output */
-  double torque, current;        /* raw */
-  int status, display;           /* 0x6041, 0x6061 */
-  int connected;                 /* valid data within the last max_dropout seconds */
-  unsigned connection;           /* of the session with the bus */
-  int state;                     /* enum ecatm_drive_state */
-  int enabled;                   /* the drive follows the targets of command() */
-} ecatm_drive_view;
-
-/* The memory of command(). */
-typedef struct ecatm_drive_order {
-  int word;                      /* 0x6040 */
-  int enable;                    /* input of the model */
-  int armed;                     /* there was an edge of `enable` since the last loss or fault */
-  const char *lost;              /* why a new edge is needed, for a message; NULL: it is not */
-  int stopping;                  /* quick stop requested, or the drive has not reacted to a request yet */
-  int reset_input;               /* input of the fault reset */
-  int reset_pending;             /* a fault may be reset */
-  int following;                 /* the target comes from the reference */
-  int arrived;                   /* the target has reached an absolute reference */
-  double offset;                 /* target position - reference, for relative references */
-  double target;                 /* position in increments */
-  int set_point;                 /* 0x607A */
-  int strobe;                    /* profile position: bit 4, new set-point */
-  int start_up;                  /* enum ecatm_sdo_state of the start-up list */
-  double waiting;                /* seconds for which the drive has not changed to the mode */
-} ecatm_drive_order;
-
 typedef struct ecatm_drive {
   ecatm_node node;
   ecatm_drive_settings settings;
-  ecatm_sdo_list *list;                  /* objects to write before the drive is enabled */
-  ecatm_drive_data *data;                /* what the drive says of its motor */
-  int stepped;                   /* `time` is valid */
-  double time, elapsed;          /* simulation time of this sample, and since the sample before */
-  ecatm_drive_view view, view_before;
-  ecatm_drive_order order, order_before;
+  ecatm_sdo_list *list;          /* objects to write before the drive is enabled */
+  ecatm_drive_data *data;        /* what the drive says of its motor */
+  ecat_drive drive;
+  int start_up, start_up_before; /* enum ecatm_sdo_state of the start-up list */
+  double time;                   /* of the last sample, -1: there was none */
   int told;                      /* a message has said that the drive does not change to the mode */
   int told_lost;                 /* a message has said that a new edge of `enable` is needed */
 } ecatm_drive;
@@ -112,11 +44,11 @@ typedef struct ecatm_drive {
 /* Sets usual values: increments per second as unit of the velocity, and all entries mapped. */
 ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mode, double encoder) {
   settings->mode = mode;
-  settings->reference = ECATM_RELATIVE;
-  settings->restart = ECATM_NEEDS_EDGE_OF_ENABLE;
+  settings->reference = ECAT_DRIVE_RELATIVE;
+  settings->restart = ECAT_DRIVE_EDGE;
   settings->axis = 1;
-  settings->entries = ECATM_HAS_MODE_DISPLAY | ECATM_HAS_POSITION | ECATM_HAS_VELOCITY |
-                      ECATM_HAS_TORQUE | ECATM_HAS_CURRENT;
+  settings->entries = ECAT_DRIVE_HAS_MODE_DISPLAY | ECAT_DRIVE_HAS_POSITION | ECAT_DRIVE_HAS_VELOCITY |
+                      ECAT_DRIVE_HAS_TORQUE | ECAT_DRIVE_HAS_CURRENT;
   settings->mode_object = 0;
   settings->encoder = settings->velocity_scale = encoder;
   settings->gear = 1;
@@ -126,27 +58,13 @@ ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mod
   settings->max_dropout = 0.01;
 }
 
-ECATM_FUNCTION int ecatm_drive_positions(int mode) {
-  return mode == ECATM_PROFILE_POSITION || mode == ECATM_CYCLIC_POSITION;
-}
-
-ECATM_FUNCTION int ecatm_drive_velocities(int mode) {
-  return mode == ECATM_PROFILE_VELOCITY || mode == ECATM_CYCLIC_VELOCITY;
-}
-
-ECATM_FUNCTION int ecatm_drive_torques(int mode) {
-  return mode == ECATM_PROFILE_TORQUE || mode == ECATM_CYCLIC_TORQUE;
-}
-
 /* Returns a message about the first invalid parameter, or NULL if all are valid. */
 ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
-  if (!ecatm_drive_positions(s->mode) && !ecatm_drive_velocities(s->mode) &&
-      !ecatm_drive_torques(s->mode))
+  if (!ecat_drive_positions(s->mode) && !ecat_drive_velocities(s->mode) &&
+      !ecat_drive_torques(s->mode))
     return "mode must be profile or cyclic position, velocity or torque";
-  if (s->restart != ECATM_AUTOMATIC && s->restart != ECATM_NEEDS_EDGE_OF_ENABLE)
-    return "restart must be Automatic or NeedsEdgeOfEnable";
   if (s->axis < 1 || s->axis > 8) return "axis must be 1 to 8";
-  if (ecatm_drive_positions(s->mode) && !(s->entries & ECATM_HAS_POSITION))
+  if (ecat_drive_positions(s->mode) && !(s->entries & ECAT_DRIVE_HAS_POSITION))
     return "a position mode needs the actual position 0x6064 in the process data";
   if (!(s->encoder > 0) || !ecatm_finite(s->encoder)) return "encoderResolution must be positive";
   if (s->gear == 0 || !ecatm_finite(s->gear)) return "gearRatio must not be 0";
@@ -157,10 +75,23 @@ ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
   if (!(s->rated_current > 0) || !ecatm_finite(s->rated_current))
     return "ratedCurrent must be positive";
   if (!(s->max_torque >= 0)) return "tau_max must not be negative";
-  if (!(s->approach_speed > 0)) return "approachSpeed must be positive";
-  if (!(s->standstill_speed >= 0)) return "standstillSpeed must not be negative";
-  if (!(s->max_dropout >= 0)) return "maxDropout must not be negative";
   return NULL;
+}
+
+/* The settings at the output of the gear. */
+ECATM_FUNCTION void ecatm_drive_convert(const ecatm_drive_settings *s, ecat_drive_settings *to) {
+  ecat_drive_defaults(to, s->encoder);
+  to->restart = s->restart;
+  to->reference = s->reference;
+  to->entries = s->entries;
+  to->position_scale = ECATM_TWO_PI / (s->encoder * s->gear);
+  to->velocity_scale = ECATM_TWO_PI / (s->velocity_scale * s->gear);
+  to->torque_scale = s->rated_torque * s->gear / 1000;
+  to->current_scale = s->rated_current / 1000;
+  to->max_torque = s->max_torque * fabs(s->gear);
+  to->approach_speed = s->approach_speed;
+  to->standstill_speed = s->standstill_speed;
+  to->max_dropout = s->max_dropout;
 }
 
 typedef struct ecatm_drive_table {
@@ -194,10 +125,15 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *nam
                                      const ecatm_drive_settings *settings, const int *table,
                                      size_t rows, const char *block) {
   const char *wrong = ecatm_drive_wrong(settings);
+  ecat_drive_settings converted;
   ecatm_drive *drive;
   char heading[ECATM_HEADING];
   void *list, *data;
   ecatm_head(heading, block);
+  if (wrong == NULL) {
+    ecatm_drive_convert(settings, &converted);
+    wrong = ecat_drive_wrong(&converted);
+  }
   if (wrong != NULL) {
     ModelicaFormatError("EtherCAT: %sthe drive of slave %d cannot work: %s", heading, position, wrong);
     return NULL;
@@ -210,7 +146,8 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *nam
   strcpy(drive->node.heading, heading);
   drive->list = (ecatm_sdo_list *)list;
   drive->settings = *settings;
-  drive->view.state = ECATM_NOT_READY_TO_SWITCH_ON;
+  drive->time = -1;
+  ecat_drive_init(&drive->drive, &converted);
   return drive;
 }
 
@@ -223,8 +160,8 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *na
                                       double approach_speed, double standstill_speed,
                                       double max_dropout, const int *table, size_t rows,
                                       size_t columns, const char *block) {
-  static const int modes[] = {ECATM_PROFILE_POSITION, ECATM_PROFILE_VELOCITY, ECATM_PROFILE_TORQUE,
-                              ECATM_CYCLIC_POSITION, ECATM_CYCLIC_VELOCITY, ECATM_CYCLIC_TORQUE};
+  static const int modes[] = {ECAT_DRIVE_PROFILE_POSITION, ECAT_DRIVE_PROFILE_VELOCITY, ECAT_DRIVE_PROFILE_TORQUE,
+                              ECAT_DRIVE_CYCLIC_POSITION, ECAT_DRIVE_CYCLIC_VELOCITY, ECAT_DRIVE_CYCLIC_TORQUE};
   ecatm_drive_settings settings;
   settings.mode = mode >= 1 && mode <= 6 ? modes[mode - 1] : 0;
   settings.reference = reference;
