@@ -39,8 +39,8 @@ static int is_wanted(ecat_drive *drive, const char *loss) {
   const ecat_drive_order *before = &drive->order_before;
   ecat_drive_order *now = &drive->order;
   int enable = now->request.enable, changed = enable && !(before->begun && before->request.enable);
-  if (loss == NULL && now->stopping) loss = "of a quick stop";
   if (changed) now->armed = 1, now->met = 0;
+  if (loss == NULL && now->stopping && now->armed) loss = "of a quick stop";
   if (!now->met && drive->view.connected) {
     now->met = 1;
     if (!before->begun || !drive->view_before.connected) {

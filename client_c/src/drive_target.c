@@ -183,12 +183,20 @@ static void set_torque(ecat_drive *drive) {
   now->reached = 1;
 }
 
-void drive_target(ecat_drive *drive) {
-  ecat_drive_order *now = &drive->order;
+/* 0x6081, 0x6083 and 0x6084 are those of the request, else those of the settings. */
+static void set_profile(ecat_drive *drive) {
   const ecat_drive_settings *s = &drive->settings;
+  const ecat_drive_request *request = &drive->order.request;
+  double speed = request->speed > 0 ? request->speed : s->approach_speed;
+  double acceleration = request->acceleration > 0 ? request->acceleration : s->approach_acceleration;
+  if (s->max_speed > 0 && speed > s->max_speed) speed = s->max_speed;
+  drive->order.out.profile_velocity = drive_hold(fabs(speed / s->velocity_scale), 0, 2147483647.0);
+  drive->order.out.profile_acceleration = drive_hold(fabs(acceleration / s->velocity_scale), 0, 2147483647.0);
+}
+
+void drive_target(ecat_drive *drive) {
   set_position(drive);
   set_velocity(drive);
   set_torque(drive);
-  now->out.profile_velocity = drive_hold(fabs(now->request.speed / s->velocity_scale), 0, 2147483647.0);
-  now->out.profile_acceleration = drive_hold(fabs(now->request.acceleration / s->velocity_scale), 0, 2147483647.0);
+  set_profile(drive);
 }

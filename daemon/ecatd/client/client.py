@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .cycles import CycleWaiter
+    from .drives import Drive, Drives
 
 _LOOK = 0.02
 """Seconds between two checks for a daemon that has gone, in asyncio."""
@@ -277,6 +278,26 @@ class Client:
             connection.check(QUICK.ecat_can(connection.address, number, ctypes.byref(raw)))
             found.append(int(raw.slave))
         return found
+
+    # --- drives -----------------------------------------------------------------------------------
+
+    def drive(self, name: str | int, *, lease: float = 0.2) -> Drive:
+        """An axis with the device profile CiA 402, which is claimed as long as its `with` lasts.
+
+        Args:
+            name: Name or position of its slave; "NAME/2" is the second axis of a drive.
+            lease: Seconds without an exchange after which it stops as its safe outputs say.
+
+        Raises:
+            StateError: There is no such slave, or it is no drive.
+        """
+        return self.drives(name, lease=lease)[0]
+
+    def drives(self, *names: str | int, lease: float = 0.2, together: bool = True) -> Drives:
+        """Several axes; with `together`, all stop when one of them stops by itself."""
+        from .drives import Drives
+
+        return Drives(self, names, lease=lease, together=together)
 
     # --- the image --------------------------------------------------------------------------------
 

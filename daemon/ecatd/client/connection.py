@@ -29,7 +29,7 @@ from ecatd.shm.contract import Direction, Errno
 from .arguments import text
 from .structs import QUICK, WAITING, SignalStruct, SummaryStruct
 
-_ERRORS: dict[int, type[EcatError]] = {
+ERRORS: dict[int, type[EcatError]] = {
     Errno.EARG: UsageError,
     Errno.EDOWN: UnreachableError,
     Errno.ELAYOUT: StateError,
@@ -67,7 +67,7 @@ class _Memory:
 
 
 def _error(address: int, code: int) -> EcatError:
-    return _ERRORS.get(code, EcatError)(text_of(QUICK.ecat_error(address)))
+    return ERRORS.get(code, EcatError)(text_of(QUICK.ecat_error(address)))
 
 
 def text_of(data: bytes) -> str:

@@ -1,0 +1,719 @@
+"""Drives for programs: axes that are enabled, homed, moved and stopped, in SI units.
+
+A thread of the C library exchanges the axes in every bus cycle (`ecat_axis.h`). The program says
+what it wants, and waits for it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Self
+
+from ecatd.base.errors import (
+    EcatError,
+    NoAnswerError,
+    SdoAbortError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.base.timeouts import Timeout
+
+from .arguments import seconds, text, whole
+from .axis_structs import TEXT, Axis, Request, State
+from .connection import ERRORS, text_of
+from .structs import QUICK, WAITING
+
+if TYPE_CHECKING:
+    from .client import Client
+
+_HOMING_METHOD, _HOMING_METHODS = 0x6098, 0x60E3
+_LEASE = 0.2
+"""Seconds without an exchange after which the axes stop as their safe outputs say."""
+_STANDS = 0.05
+"""rad/s or m/s below which an axis stands."""
+_CYCLE_PATIENCE = 1.0
+_WATCH = 0.1
+
+
+class DriveState(IntEnum):
+    """States of CiA 402."""
+
+    NOT_READY_TO_SWITCH_ON = 1
+    SWITCH_ON_DISABLED = 2
+    READY_TO_SWITCH_ON = 3
+    SWITCHED_ON = 4
+    OPERATION_ENABLED = 5
+    QUICK_STOP_ACTIVE = 6
+    FAULT_REACTION_ACTIVE = 7
+    FAULT = 8
+
+
+class DriveMode(IntEnum):
+    """Modes of operation, object 0x6060."""
+
+    PROFILE_POSITION = 1
+    PROFILE_VELOCITY = 3
+    PROFILE_TORQUE = 4
+    HOMING = 6
+    CYCLIC_POSITION = 8
+    CYCLIC_VELOCITY = 9
+    CYCLIC_TORQUE = 10
+
+
+class Homing(IntEnum):
+    """How homing goes."""
+
+    NOT_HOMED = 1
+    HOMES = 2
+    HOMED = 3
+    FAILED = 4
+
+
+class DriveError(StateError):
+    """An axis does not do what it shall; the message has its name, state, statusword and error."""
+
+    name = "drive"
+
+
+@dataclass(frozen=True, slots=True)
+class AxisStatus:
+    """What an axis did in one cycle.
+
+    Attributes:
+        state: Its state.
+        enabled: Whether it follows its target.
+        connected: Whether there were valid data.
+        position: In rad, or in m of a linear axis.
+        speed: In rad/s or m/s.
+        torque: In N·m or N; without a unit of the bus, 1 is the rated torque.
+        current: In A; without a unit, 1 is the rated current.
+        status: The statusword 0x6041.
+        error: The error code 0x603F; 0 also if it is not in the process data.
+        mode: The mode that it is in, 0x6061.
+        reached: Whether it has reached its target.
+        limited: Whether a limit has changed its target.
+        homing: How homing goes.
+    """
+
+    state: DriveState
+    enabled: bool
+    connected: bool
+    position: float
+    speed: float
+    torque: float
+    current: float
+    status: int
+    error: int
+    mode: int
+    reached: bool
+    limited: bool
+    homing: Homing
+
+
+class Drive:
+    """An axis; `Client.drive` makes it, and `Drives` several.
+
+    ```python
+    with Client("ecat0") as bus, bus.drive("x") as axis:
+        axis.enable()
+        axis.home()
+        axis.move_to(1.5, speed=0.5)
+    ```
+
+    Methods that end with the movement raise `DriveError` if the axis stops before.
+
+    Attributes:
+        name: Name or position of its slave, as given.
+        linear: Whether positions are in m, not in rad.
+    """
+
+    def __init__(self, group: Drives, number: int, name: str) -> None:
+        self._group, self._number = group, number
+        self.name = name
+        raw = ctypes.cast(group.address_of(number), ctypes.POINTER(Axis)).contents
+        self._raw = raw
+        self.slave = int(raw.slave)
+        self.linear = bool(raw.linear)
+        self.request = Request.from_buffer_copy(raw.request)
+
+    # --- settings ---------------------------------------------------------------------------------
+
+    def limit(
+        self,
+        *,
+        position: tuple[float, float] | None = None,
+        speed: float | None = None,
+        torque: float | None = None,
+        following_error: float | None = None,
+    ) -> None:
+        """Limits what is sent to the drive; only before the group begins.
+
+        Args:
+            position: Lowest and highest target, in rad or m.
+            speed: Largest speed, in rad/s or m/s.
+            torque: Largest torque, in N·m or N.
+            following_error: Distance of position and target beyond which the axis is stopped.
+
+        Raises:
+            UsageError: The axes move already, or a limit is no number.
+        """
+        self._group.check_not_begun()
+        settings = self._raw.drive.settings
+        if position is not None:
+            settings.low, settings.high = sorted(map(_number, position))
+        for name, value in (
+            ("max_speed", speed),
+            ("max_torque", torque),
+            ("max_following_error", following_error),
+        ):
+            if value is not None:
+                setattr(settings, name, _number(value))
+
+    def units(
+        self,
+        *,
+        position: float | None = None,
+        velocity: float | None = None,
+        torque: float | None = None,
+    ) -> None:
+        """Says what 1 means in the process data, where the bus has no unit.
+
+        Args:
+            position: rad or m for one increment of 0x6064; also that of `velocity`, unless it is
+                given.
+            velocity: rad/s or m/s for 1 in 0x606C.
+            torque: N·m or N for 1 in 0x6077, 1/1000 of the rated torque.
+        """
+        self._group.check_not_begun()
+        settings = self._raw.drive.settings
+        if position is not None:
+            settings.position_scale = settings.velocity_scale = _number(position)
+        if velocity is not None:
+            settings.velocity_scale = _number(velocity)
+        if torque is not None:
+            settings.torque_scale = _number(torque)
+
+    # --- what it does ---------------------------------------------------------------------------
+
+    @property
+    def status(self) -> AxisStatus:
+        """What it did in the last cycle."""
+        return _status(self._group.state(self._number))
+
+    @property
+    def position(self) -> float:
+        """Its position in rad or m."""
+        return float(self._group.state(self._number).view.position)
+
+    def explain(self) -> str:
+        """A sentence: state, statusword and error in words, and why it is not in operation."""
+        return self._group.explain(self._number)
+
+    # --- what it shall do -------------------------------------------------------------------------
+
+    def enable(self, timeout: float = 5.0) -> None:
+        """Takes it into operation, where it stands, and waits for that.
+
+        Raises:
+            DriveError: It has a fault (see `reset`), or another reason.
+            NoAnswerError: It did not get there in time.
+        """
+        self._group.enable([self], timeout)
+
+    def disable(self, timeout: float = 10.0) -> None:
+        """Takes it out of operation, as its object 0x605C says, and waits for that."""
+        self._group.disable([self], timeout)
+
+    def reset(self, timeout: float = 5.0) -> None:
+        """Resets a fault.
+
+        Raises:
+            DriveError: The fault is still there.
+        """
+        self._group.reset([self], timeout)
+
+    def home(self, method: int | None = None, timeout: float = 60.0) -> None:
+        """Homes it, and waits for the end.
+
+        Args:
+            method: Homing method, object 0x6098, by CiA 402 or of the vendor (negative). Without
+                it, the drive uses the one that it has.
+            timeout: Seconds.
+
+        Raises:
+            DriveError: Homing has failed, or the drive does not have the method.
+        """
+        self._group.home([self], None if method is None else [method], timeout)
+
+    def move_to(
+        self,
+        position: float,
+        *,
+        speed: float | None = None,
+        acceleration: float | None = None,
+        timeout: float | None = None,
+        wait: bool = True,
+    ) -> None:
+        """Moves it to a position, and waits for that.
+
+        Args:
+            position: In rad or m.
+            speed: Largest speed on the way; by default 1 rad/s or m/s.
+            acceleration: In rad/s² or m/s²; by default 10.
+            timeout: Seconds; by default what the way takes, and 5 more.
+            wait: Whether to wait; else `wait_reached` does.
+        """
+        self._group.move_to([self], [position], speed, acceleration, timeout, wait=wait)
+
+    def move_by(self, distance: float, **options: float | None) -> None:
+        """Moves it by a distance from where it is; the options are those of `move_to`."""
+        self.move_to(self.position + _number(distance), **options)  # type: ignore[arg-type]
+
+    def run(self, speed: float) -> None:
+        """Turns it at a speed, until something else is asked for (mode CSV or PV)."""
+        self._group.run([self], [speed])
+
+    def push(self, torque: float) -> None:
+        """Applies a torque, until something else is asked for (mode CST or PT)."""
+        self._group.push([self], [torque])
+
+    def stop(self, timeout: float = 10.0) -> None:
+        """Stops it by its quick stop, object 0x605A, and waits until it stands."""
+        self._group.stop([self], timeout)
+
+    def wait_reached(self, timeout: float = 60.0) -> None:
+        """Waits until it has reached its target."""
+        self._group.wait_reached([self], timeout)
+
+    # --- with -------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        self._group.begin()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._group.close()
+
+
+class Drives:
+    """Axes that start and stop together; `Client.drives` makes it.
+
+    ```python
+    with bus.drives("x", "y") as axes:
+        axes.enable()
+        axes.move_to([1.0, 2.0], speed=0.5)  # both arrive at the same time
+    ```
+
+    Args:
+        bus: The client; SDOs go through it.
+        names: Names or positions of the slaves; "NAME/2" is the second axis of a drive.
+        lease: Seconds without an exchange, for example while the process is stopped, after which
+            the axes stop as their safe outputs say.
+        together: Whether all stop when one of them stops by itself.
+
+    Raises:
+        UnreachableError: No daemon serves the bus.
+        StateError: There is no such slave, or it is no drive.
+    """
+
+    def __init__(
+        self,
+        bus: Client,
+        names: Iterable[str | int],
+        *,
+        lease: float = _LEASE,
+        together: bool = True,
+    ) -> None:
+        self._bus = bus
+        self._lease, self._together = seconds("lease", lease), together
+        self._begun = False
+        self._asked = 0
+        self._address: int | None = None
+        pointer = ctypes.c_void_p()
+        code = WAITING.ecat_axes_open(ctypes.byref(pointer), bus.name.encode())
+        self._address = pointer.value
+        self._check(code)
+        self.axes: list[Drive] = []
+        for name in names:
+            slave, axis = _place(name)
+            number = self._check(WAITING.ecat_axes_add(self._address, slave.encode(), axis))
+            self.axes.append(Drive(self, number, str(name)))
+
+    def __getitem__(self, number: int) -> Drive:
+        return self.axes[number]
+
+    def __len__(self) -> int:
+        return len(self.axes)
+
+    def __enter__(self) -> Self:
+        self.begin()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def begin(self) -> None:
+        """Claims the outputs of all axes, and begins to exchange them.
+
+        Raises:
+            OwnedError: Another client owns one of them.
+            UsageError: A setting is wrong, or the position of an axis has no unit.
+        """
+        if self._begun:
+            return
+        for axis in self.axes:
+            axis._raw.request = axis.request
+        self._check(WAITING.ecat_axes_start(self._address, self._lease, self._together))
+        self._begun = True
+        self._next()
+
+    def close(self) -> None:
+        """Gives the axes back: their outputs go to their safe values, which stop them."""
+        address, self._address = self._address, None
+        if address is not None:
+            WAITING.ecat_axes_close(address)
+
+    # --- for its axes -----------------------------------------------------------------------------
+
+    def address_of(self, number: int) -> int:
+        """Where the C library has an axis."""
+        return int(QUICK.ecat_axes_axis(self._open, number))
+
+    def check_not_begun(self) -> None:
+        """Refuses changes of settings while the axes move."""
+        if self._begun:
+            raise UsageError("the axes move already: set this before `with`")
+
+    def state(self, number: int) -> State:
+        """The last cycle of an axis."""
+        state = State()
+        QUICK.ecat_axes_state(self._open, number, ctypes.byref(state))
+        return state
+
+    def explain(self, number: int) -> str:
+        """A sentence about an axis."""
+        buffer = ctypes.create_string_buffer(TEXT)
+        QUICK.ecat_axes_explain(self._open, number, buffer)
+        return text_of(buffer.value)
+
+    # --- what they shall do -----------------------------------------------------------------------
+
+    def apply(self) -> None:
+        """Sends the requests of all axes (`Drive.request`), all of them at once."""
+        array = (Request * len(self.axes))(*(axis.request for axis in self.axes))
+        self._asked = int(QUICK.ecat_axes_request(self._open, ctypes.byref(array)))
+
+    def enable(self, axes: Sequence[Drive] | None = None, timeout: float = 5.0) -> None:
+        """See `Drive.enable`."""
+        chosen = self._chosen(axes)
+        self._set(chosen, enable=0, quick_stop=0, halt=0, home=0)
+        self._settle()
+        for axis in chosen:
+            state = _status(self.state(axis._number)).state
+            if state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
+                raise DriveError(f"{axis.explain()}: remove its cause, and reset it")
+        for axis in chosen:
+            axis.request.target = axis.position if _has_position(axis.request.mode) else 0.0
+        self._set(chosen, enable=1)
+        self._await(chosen, lambda status: status.enabled, timeout, "enabled")
+
+    def disable(self, axes: Sequence[Drive] | None = None, timeout: float = 10.0) -> None:
+        """See `Drive.disable`."""
+        chosen = self._chosen(axes)
+        self._set(chosen, enable=0, home=0)
+        self._await(
+            chosen,
+            lambda status: status.state < DriveState.SWITCHED_ON or not status.connected,
+            timeout,
+            "switched off",
+            must_follow=False,
+        )
+
+    def reset(self, axes: Sequence[Drive] | None = None, timeout: float = 5.0) -> None:
+        """See `Drive.reset`."""
+        chosen = self._chosen(axes)
+        self._set(chosen, enable=0, fault_reset=0)
+        self._settle()
+        self._set(chosen, fault_reset=1)
+        try:
+            self._await(
+                chosen,
+                lambda status: status.connected and status.state < DriveState.FAULT_REACTION_ACTIVE,
+                timeout,
+                "without a fault",
+                must_follow=False,
+            )
+        finally:
+            self._set(chosen, fault_reset=0)
+
+    def home(
+        self,
+        axes: Sequence[Drive] | None = None,
+        methods: Sequence[int] | None = None,
+        timeout: float = 60.0,
+    ) -> None:
+        """See `Drive.home`; all axes home at the same time."""
+        chosen = self._chosen(axes)
+        self._check_enabled(chosen)
+        for axis, method in zip(chosen, methods or (), strict=methods is not None):
+            self._set_method(axis, method)
+        before = [axis.request.mode for axis in chosen]
+        self._set(chosen, mode=DriveMode.HOMING, home=1)
+        try:
+            self._await(
+                chosen,
+                lambda status: status.homing == Homing.HOMED,
+                timeout,
+                "homed",
+                is_over=lambda status: status.homing == Homing.FAILED,
+            )
+        finally:
+            for axis, mode in zip(chosen, before, strict=True):
+                axis.request.target = axis.position
+                axis.request.mode = mode
+            self._set(chosen, home=0)
+        self._settle()
+        for axis in chosen:
+            axis.request.target = axis.position
+        self._set(chosen)
+        self._await(chosen, lambda status: status.enabled, timeout, "enabled again")
+
+    def move_to(
+        self,
+        axes: Sequence[Drive] | None,
+        positions: Sequence[float],
+        speed: float | None = None,
+        acceleration: float | None = None,
+        timeout: float | None = None,
+        *,
+        wait: bool = True,
+    ) -> None:
+        """See `Drive.move_to`; several axes arrive together: the others go slower than the last."""
+        chosen = self._chosen(axes)
+        goals = [_number(value) for value in positions]
+        if len(goals) != len(chosen):
+            raise UsageError(f"{len(goals)} positions for {len(chosen)} axes")
+        self._check_enabled(chosen)
+        most = 1.0 if speed is None else _positive("speed", speed)
+        rate = 10.0 if acceleration is None else _positive("acceleration", acceleration)
+        ways = [abs(goal - axis.position) for axis, goal in zip(chosen, goals, strict=True)]
+        longest = max(ways)
+        for axis, goal, way in zip(chosen, goals, ways, strict=True):
+            part = max(way / longest, 1e-3) if longest > 0 else 1.0
+            axis.request.mode = DriveMode.CYCLIC_POSITION
+            axis.request.target = goal
+            axis.request.speed, axis.request.acceleration = most * part, rate * part
+        self._set(chosen, halt=0, home=0)
+        if timeout is None:
+            timeout = 5.0 + longest / most + 2 * most / rate
+        if wait:
+            self.wait_reached(chosen, timeout)
+
+    def run(self, axes: Sequence[Drive] | None, speeds: Sequence[float]) -> None:
+        """See `Drive.run`."""
+        self._follow(axes, DriveMode.CYCLIC_VELOCITY, speeds)
+
+    def push(self, axes: Sequence[Drive] | None, torques: Sequence[float]) -> None:
+        """See `Drive.push`."""
+        self._follow(axes, DriveMode.CYCLIC_TORQUE, torques)
+
+    def stop(self, axes: Sequence[Drive] | None = None, timeout: float = 10.0) -> None:
+        """See `Drive.stop`."""
+        chosen = self._chosen(axes)
+        self._set(chosen, quick_stop=1, home=0)
+        self._await(
+            chosen,
+            lambda status: (
+                status.state != DriveState.OPERATION_ENABLED and abs(status.speed) < _STANDS
+            ),
+            timeout,
+            "standing still",
+            must_follow=False,
+        )
+
+    def wait_reached(self, axes: Sequence[Drive] | None = None, timeout: float = 60.0) -> None:
+        """See `Drive.wait_reached`."""
+        self._await(self._chosen(axes), lambda status: status.reached, timeout, "at its target")
+
+    def wait(self, timeout: float = _CYCLE_PATIENCE) -> None:
+        """Waits for the next cycle, for programs that set `Drive.request` in each.
+
+        Raises:
+            UnreachableError: There are no cycles.
+        """
+        self._next(timeout)
+        self._look()
+
+    # --- the rest ---------------------------------------------------------------------------------
+
+    @property
+    def _open(self) -> int:
+        if self._address is None:
+            raise UsageError("the axes were closed")
+        return self._address
+
+    def _chosen(self, axes: Sequence[Drive] | None) -> Sequence[Drive]:
+        return self.axes if axes is None else axes
+
+    def _check(self, code: int) -> int:
+        if code < 0:
+            said = text_of(QUICK.ecat_axes_error(self._address))
+            raise ERRORS.get(code, EcatError)(said)
+        return code
+
+    def _set(self, axes: Sequence[Drive], **values: int) -> None:
+        for axis in axes:
+            for name, value in values.items():
+                setattr(axis.request, name, value)
+        if not self._begun:
+            raise UsageError("the axes do not move yet: use them in a `with`")
+        self.apply()
+
+    def _settle(self) -> None:
+        """Waits until the last request is in effect, and the drives have seen it."""
+        end = time.monotonic() + _CYCLE_PATIENCE
+        while self.state(0).answered < self._asked:
+            self._next()
+            if time.monotonic() > end:
+                self._look()
+                raise NoAnswerError("the bus does not take requests")
+        for _ in range(3):
+            self._next()
+
+    def _next(self, timeout: float = _CYCLE_PATIENCE) -> None:
+        end = time.monotonic() + timeout
+        while WAITING.ecat_axes_wait(self._open, min(_WATCH, timeout)) != 0:
+            if time.monotonic() > end:
+                raise UnreachableError(text_of(QUICK.ecat_axes_error(self._open)))
+
+    def _look(self) -> None:
+        """Raises what the last exchange has failed with."""
+        code = self.state(0).code
+        if code < 0:
+            self._check(code)
+
+    def _check_enabled(self, axes: Sequence[Drive]) -> None:
+        for axis in axes:
+            if not self.state(axis._number).view.enabled:
+                raise DriveError(f"{axis.explain()}: enable it first")
+
+    def _follow(
+        self, axes: Sequence[Drive] | None, mode: DriveMode, targets: Sequence[float]
+    ) -> None:
+        chosen = self._chosen(axes)
+        self._check_enabled(chosen)
+        for axis, target in zip(chosen, targets, strict=True):
+            axis.request.mode, axis.request.target = mode, _number(target)
+        self._set(chosen, halt=0, home=0)
+
+    def _await(
+        self,
+        axes: Sequence[Drive],
+        condition: Callable[[AxisStatus], bool],
+        timeout: float,
+        what: str,
+        *,
+        must_follow: bool = True,
+        is_over: Callable[[AxisStatus], bool] = lambda status: False,
+    ) -> None:
+        """Waits until a condition holds for all axes, after the last request is in effect."""
+        end = time.monotonic() + seconds("timeout", timeout)
+        while True:
+            self._next()
+            states = [self.state(axis._number) for axis in axes]
+            if all(state.answered >= self._asked for state in states):
+                found = [_status(state) for state in states]
+                if all(map(condition, found)):
+                    return
+                for axis, status, state in zip(axes, found, states, strict=True):
+                    stopped = must_follow and (state.order.waits or state.order.trip)
+                    if stopped or is_over(status):
+                        why = "homing has failed" if is_over(status) else f"it is not {what}"
+                        raise DriveError(f"{axis.explain()}: {why}")
+            if time.monotonic() > end:
+                self._look()
+                late = [a for a, s in zip(axes, states, strict=True) if not condition(_status(s))]
+                said = "; ".join(axis.explain() for axis in late or axes)
+                raise NoAnswerError(f"{said}: not {what} within {Timeout(timeout)}")
+
+    def _set_method(self, axis: Drive, method: int) -> None:
+        """Sets the homing method, after a look into the list of those that the drive has."""
+        number = whole("method", method)
+        if not -128 <= number <= 127:
+            raise UsageError(f"a homing method is from -128 to 127, not {number}")
+        offset = 0x800 * (int(axis._raw.number) - 1)
+        known = self._methods(axis.slave, offset)
+        if known is not None and number not in known:
+            listed = ", ".join(map(str, known))
+            raise DriveError(
+                f"axis {axis.name}: it has no homing method {number}; it has {listed} (object "
+                f"0x{_HOMING_METHODS + offset:04X})"
+            )
+        data = number.to_bytes(1, "little", signed=True)
+        self._bus.sdo_download(axis.slave, _HOMING_METHOD + offset, 0, data).result()
+
+    def _methods(self, slave: int, offset: int) -> list[int] | None:
+        """The homing methods that a drive says it has; None: it does not say."""
+        index = _HOMING_METHODS + offset
+        try:
+            count = self._bus.sdo_upload(slave, index, 0).result()[0]
+            found = [
+                self._bus.sdo_upload(slave, index, sub).result() for sub in range(1, count + 1)
+            ]
+        except SdoAbortError:
+            return None
+        # CiA 402-2 has INTEGER16 since version 4, INTEGER8 before.
+        return [int.from_bytes(data, "little", signed=True) for data in found]
+
+
+def _place(name: str | int) -> tuple[str, int]:
+    if isinstance(name, int):
+        return str(whole("slave", name)), 1
+    text("slave", name)
+    slave, slash, axis = name.rpartition("/")
+    if slash and axis.isdecimal():
+        return slave, int(axis)
+    return name, 1
+
+
+def _has_position(mode: int) -> bool:
+    return mode in (DriveMode.CYCLIC_POSITION, DriveMode.PROFILE_POSITION, DriveMode.HOMING)
+
+
+def _number(value: float) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise UsageError(f"{value} is no finite number")
+    return number
+
+
+def _positive(name: str, value: float) -> float:
+    number = _number(value)
+    if number <= 0:
+        raise UsageError(f"{name} must be positive, not {number:g}")
+    return number
+
+
+def _status(state: State) -> AxisStatus:
+    view, order = state.view, state.order
+    return AxisStatus(
+        DriveState(view.state),
+        bool(view.enabled),
+        bool(view.connected),
+        view.position,
+        view.speed,
+        view.torque,
+        view.current,
+        view.raw.status & 0xFFFF,
+        view.raw.error & 0xFFFF,
+        view.raw.display,
+        bool(order.reached),
+        bool(order.limited),
+        Homing(order.homing),
+    )
