@@ -17,7 +17,7 @@ enum { AXES_MAX = 16, STACK_BYTES = 256 * 1024 };
 
 struct ecat_axes {
   ecat_t *bus;
-  int count, together, running;
+  int count, together, running, observes;
   double lease;
   ecat_axis axis[AXES_MAX];        /* of the thread, once it runs */
   uint64_t claimed_ns;             /* when it has claimed the outputs again */
@@ -113,6 +113,7 @@ static int exchange(ecat_axes *axes) {
     axes->state[i].answered = axes->asked;
   }
   pthread_mutex_unlock(&axes->lock);
+  if (axes->observes) return code;
   for (i = 0; i < axes->count; i++) {
     written = ecat_axis_write(&axes->axis[i]);
     if (code == 0) code = written;
@@ -153,23 +154,17 @@ static void *run(void *argument) {
   while (!shall_end(axes)) {
     struct timespec pause = {0, 10000000};
     int code = ecat_wait(axes->bus, 1, PATIENCE_S);
-    if (!axes->claimed && ecat_now() - axes->claimed_ns > RECLAIM_NS && code == 0) (void)claim(axes);
+    if (!axes->claimed && !axes->observes && ecat_now() - axes->claimed_ns > RECLAIM_NS && code == 0) (void)claim(axes);
     publish(axes, exchange(axes));
     if (code != 0 && code != ECAT_ETIMEOUT) nanosleep(&pause, NULL); /* no daemon: it may come back */
   }
   return NULL;
 }
 
-int ecat_axes_start(ecat_axes *axes, double lease, int together) {
+static int begin(ecat_axes *axes) {
   pthread_attr_t attributes;
   sigset_t all, before;
-  int i, code;
-  if (axes->count == 0) return fail(axes, ecat_fail(axes->bus, ECAT_EARG, "there is no axis to start"));
-  for (i = 0; i < axes->count; i++)
-    if ((code = ecat_axis_check(&axes->axis[i], axes->axis[i].request.mode)) < 0) return fail(axes, code);
-  axes->lease = lease;
-  axes->together = together;
-  if ((code = claim(axes)) < 0) return fail(axes, code);
+  int i;
   for (i = 0; i < axes->count; i++) axes->wanted[i] = axes->axis[i].request;
   sigfillset(&all);
   pthread_attr_init(&attributes);
@@ -179,6 +174,27 @@ int ecat_axes_start(ecat_axes *axes, double lease, int together) {
   pthread_sigmask(SIG_SETMASK, &before, NULL);
   pthread_attr_destroy(&attributes);
   return axes->running ? 0 : fail(axes, ecat_fail(axes->bus, ECAT_ESYS, "the thread of the axes cannot be started"));
+}
+
+static int check_start(ecat_axes *axes) {
+  if (axes->running) return fail(axes, ecat_fail(axes->bus, ECAT_EARG, "the axes move already"));
+  return axes->count > 0 ? 0 : fail(axes, ecat_fail(axes->bus, ECAT_EARG, "there is no axis to start"));
+}
+
+int ecat_axes_observe(ecat_axes *axes) {
+  int code = check_start(axes);
+  axes->observes = 1;
+  return code != 0 ? code : begin(axes);
+}
+
+int ecat_axes_start(ecat_axes *axes, double lease, int together) {
+  int i, code = check_start(axes);
+  for (i = 0; i < axes->count && code == 0; i++)
+    code = fail(axes, ecat_axis_check(&axes->axis[i], axes->axis[i].request.mode));
+  if (code != 0) return code;
+  axes->lease = lease;
+  axes->together = together;
+  return (code = claim(axes)) < 0 ? fail(axes, code) : begin(axes);
 }
 
 /* --- the program ------------------------------------------------------------------------------ */

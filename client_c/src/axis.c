@@ -132,6 +132,7 @@ int ecat_axis_open(ecat_axis *axis, ecat_t *bus, const char *slave, int number) 
   axis->drive.settings.changes_mode = 1;
   axis->drive.settings.reference = ECAT_DRIVE_ABSOLUTE;
   axis->drive.settings.max_dropout = 0.1;
+  axis->drive.settings.standstill_speed = 0.05;
   axis->drive.settings.approach_acceleration = 10;
   axis->request.mode = ECAT_DRIVE_CYCLIC_POSITION;
   axis->request.ready = 1;

@@ -22,7 +22,7 @@ RIGS = Path(__file__).parents[1] / "rigs"
 # --- questions -----------------------------------------------------------------------------------
 
 ASK = """
-    write state sdo-restore diagnosis sii-write alias foe-read foe-write reboot reg-write service
+    write drive state sdo-restore diagnosis sii-write alias foe-read foe-write reboot reg-write service
 """
 """Commands that ask before they do harm. Those that are not here and not below change nothing."""
 
@@ -74,7 +74,7 @@ NO_DOCUMENT = {
 
 FILES_RIG = """
 buses; slaves; graph; pdos; read; watch --count 1; state; check; stats; claims; shm; dc; info
-can stats
+can stats; drive 0 status
 write '0/0x6040:00=0' --for 0.1 --yes
 record -o record.csv --for 0.1
 sdos 0 0x1018; sdo-read 0 0x1018 1; sdo-write 0 0x6060 0 8

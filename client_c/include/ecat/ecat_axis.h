@@ -79,6 +79,8 @@ ECAT_API ecat_axis *ecat_axes_axis(ecat_axes *axes, int axis);
 /* Claims the outputs of all axes, and begins. With `together`, all axes stop when one of them stops without a request,
  * and each needs an edge of `enable` then. */
 ECAT_API int ecat_axes_start(ecat_axes *axes, double lease, int together);
+/* Begins to look only: nothing is claimed or written, so that another program may move the axes. */
+ECAT_API int ecat_axes_observe(ecat_axes *axes);
 /* Replaces the requests of all axes at once: `requests` has one for each. Returns their number, see `answered`. */
 ECAT_API uint64_t ecat_axes_request(ecat_axes *axes, const ecat_drive_request *requests);
 /* The axis in the last cycle. */

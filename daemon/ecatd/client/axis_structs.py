@@ -143,6 +143,7 @@ _FUNCTIONS: dict[str, tuple[object, tuple[object, ...]]] = {
     "axes_add": (_I, (_POINTER, _TEXT, _I)),
     "axes_axis": (_POINTER, (_POINTER, _I)),
     "axes_start": (_I, (_POINTER, _D, _I)),
+    "axes_observe": (_I, (_POINTER,)),
     "axes_request": (_U64, (_POINTER, _POINTER)),
     "axes_state": (_I, (_POINTER, _I, _POINTER)),
     "axes_wait": (_I, (_POINTER, _D)),

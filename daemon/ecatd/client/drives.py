@@ -130,7 +130,10 @@ class Drive:
 
     Attributes:
         name: Name or position of its slave, as given.
+        slave: Position of its slave.
         linear: Whether positions are in m, not in rad.
+        has_torque_unit: Whether torques are in N·m or N; else 1 is the rated torque.
+        request: What the C library is asked for, in each cycle; see `Drives.apply`.
     """
 
     def __init__(self, group: Drives, number: int, name: str) -> None:
@@ -140,6 +143,7 @@ class Drive:
         self._raw = raw
         self.slave = int(raw.slave)
         self.linear = bool(raw.linear)
+        self.has_torque_unit = bool(raw.torque_unit)
         self.request = Request.from_buffer_copy(raw.request)
 
     # --- settings ---------------------------------------------------------------------------------
@@ -210,6 +214,15 @@ class Drive:
     def position(self) -> float:
         """Its position in rad or m."""
         return float(self._group.state(self._number).view.position)
+
+    def check(self) -> None:
+        """Checks that it is in operation, as it was asked to be.
+
+        Raises:
+            DriveError: It has stopped; the message says why.
+            EcatError: The bus, or the claim, was lost.
+        """
+        self._group.check([self])
 
     def explain(self) -> str:
         """A sentence: state, statusword and error in words, and why it is not in operation."""
@@ -373,6 +386,11 @@ class Drives:
         self._begun = True
         self._next()
 
+    def observe(self) -> None:
+        """Begins to look only; another program may move the axes meanwhile."""
+        self._check(WAITING.ecat_axes_observe(self._address))
+        self._next()
+
     def close(self) -> None:
         """Gives the axes back: their outputs go to their safe values, which stop them."""
         address, self._address = self._address, None
@@ -395,6 +413,14 @@ class Drives:
         state = State()
         QUICK.ecat_axes_state(self._open, number, ctypes.byref(state))
         return state
+
+    def check(self, axes: Sequence[Drive] | None = None) -> None:
+        """See `Drive.check`."""
+        self._look()
+        for axis in self._chosen(axes):
+            order = self.state(axis._number).order
+            if order.waits or order.trip:
+                raise DriveError(f"{axis.explain()}")
 
     def explain(self, number: int) -> str:
         """A sentence about an axis."""

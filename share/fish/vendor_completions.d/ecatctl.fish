@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses graph slaves pdos state states can read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --address-file --allow --as --backup --before --bus --can --certificate --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --key --kind --last --latency --logins --ls-bus --ls-bus-clock --ls-bus-ecus --mac --machine --name --out --output --password --port --raw --root --seconds --severity --signal --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_commands buses graph slaves pdos state states can drive read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
+set -g _shtab_ecatctl_opts_with_value --acceleration --address --address-file --allow --as --backup --before --bus --can --certificate --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --key --kind --last --latency --logins --ls-bus --ls-bus-clock --ls-bus-ecus --mac --machine --method --name --out --output --password --port --raw --root --scale --seconds --severity --signal --since --size --speed --step --templates --timeout --type --user --watch --within -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -121,6 +121,22 @@ complete -c ecatctl -n '_shtab_ecatctl_using can' -l for -x -d 'for dump: stop a
 complete -c ecatctl -n '_shtab_ecatctl_using can' -l every -x -d 'for send: send again every S seconds'
 complete -c ecatctl -n '_shtab_ecatctl_using can' -l watch -x -d 'repeat every SECONDS (default: 1); stats also counts the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using can; and test $_shtab_ecatctl_npos -eq 0' -ka "dump send bridge stats" -d 'dump, send, bridge, stats'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a drive -d 'Enable, home, move and jog an axis (CiA 402), or show its state.'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l connect -x -d 'ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of this machine)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l by -d 'for move: POSITION is a distance from where it is'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l speed -x -d 'for move and jog: rad/s or m/s (default: 1)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l acceleration -x -d 'for move and jog: rad/s² (default: 10)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l step -x -d 'for jog: distance for each key (default: 0.1)'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l method -x -d 'for home: homing method, object 0x6098'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l scale -x -d 'rad or m for one increment, if the bus has no unit'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l within -x -d 'for home and move: seconds that it may take'
+complete -c ecatctl -n '_shtab_ecatctl_using drive' -l yes -d 'do not ask for confirmation'
+complete -c ecatctl -n '_shtab_ecatctl_using drive; and test $_shtab_ecatctl_npos -eq 1' -ka "status enable reset home move jog" -d 'status, enable, reset, home, move, jog'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a read -d 'Show values of the process image, chosen by name.'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
