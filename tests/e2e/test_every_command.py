@@ -22,7 +22,8 @@ RIGS = Path(__file__).parents[1] / "rigs"
 # --- questions -----------------------------------------------------------------------------------
 
 ASK = """
-    write drive state sdo-restore diagnosis sii-write alias foe-read foe-write reboot reg-write service
+    write drive state sdo-restore diagnosis sii-write alias foe-read foe-write reboot reg-write
+    service
 """
 """Commands that ask before they do harm. Those that are not here and not below change nothing."""
 
