@@ -1,8 +1,6 @@
 /* Axes that move together: a thread exchanges them in every bus cycle. */
-#include "internal.h"
+#include "axes.h"
 
-#include <ecat/ecat_axis.h>
-#include <pthread.h>
 #include <signal.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -11,27 +9,9 @@
 #include <sys/prctl.h>
 #include <time.h>
 
-enum { AXES_MAX = 16, STACK_BYTES = 256 * 1024 };
+enum { STACK_BYTES = 256 * 1024 };
 #define RECLAIM_NS 100000000u
 #define PATIENCE_S 0.1 /* for a cycle, between two looks whether the thread shall end */
-
-struct ecat_axes {
-  ecat_t *bus;
-  int count, together, running, observes;
-  double lease;
-  ecat_axis axis[AXES_MAX];        /* of the thread, once it runs */
-  uint64_t claimed_ns;             /* when it has claimed the outputs again */
-  int claimed, stopped;            /* an axis has stopped without a request, so all do until `enable` of all is 0 */
-  pthread_t thread;
-  pthread_mutex_t lock;
-  pthread_cond_t moved;
-  /* Behind the lock: */
-  int end;
-  ecat_drive_request wanted[AXES_MAX];
-  uint64_t asked, seen;            /* number of the last request; cycle that was waited for */
-  ecat_axis_state state[AXES_MAX];
-  char error[512];
-};
 
 static void keep_error(ecat_axes *axes) {
   pthread_mutex_lock(&axes->lock);

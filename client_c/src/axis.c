@@ -1,8 +1,7 @@
 /* Axes: drives on a bus. */
+#include "axes.h"
 #include "axis_units.h"
-#include "internal.h"
 
-#include <ecat/ecat_axis.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -140,16 +139,17 @@ int ecat_axis_open(ecat_axis *axis, ecat_t *bus, const char *slave, int number) 
   return find_objects(axis);
 }
 
-static int lacks(ecat_axis *axis, int object, int mode) {
-  return ecat_fail(axis->bus, ECAT_ESIGNAL,
-                   "axis %s: mode %s needs 0x%04X, which is not in the process data of slave %d: add it to its pdos",
-                   axis->name, ecat_drive_mode_text(mode), index_of(axis, object), axis->slave);
+unsigned axis_lacks(const ecat_axis *axis, int mode) {
+  int needed = ecat_drive_positions(mode) ? TARGET_POSITION : ecat_drive_velocities(mode) ? TARGET_VELOCITY
+               : ecat_drive_torques(mode) ? TARGET_TORQUE : CONTROL;
+  if (axis->signals[needed] < 0) return index_of(axis, needed);
+  if (axis->signals[MODE] < 0) return index_of(axis, MODE);
+  return ecat_drive_positions(mode) && axis->signals[POSITION] < 0 ? index_of(axis, POSITION) : 0;
 }
 
 int ecat_axis_check(ecat_axis *axis, int mode) {
   const char *wrong;
-  int needed = ecat_drive_positions(mode) ? TARGET_POSITION : ecat_drive_velocities(mode) ? TARGET_VELOCITY
-               : ecat_drive_torques(mode) ? TARGET_TORQUE : CONTROL;
+  unsigned lacks;
   if (ecat_drive_mode_text(mode)[0] == '\0')
     return ecat_fail(axis->bus, ECAT_EARG, "axis %s: %d is no mode of operation that an axis can have", axis->name, mode);
   if (axis->drive.settings.position_scale == 0)
@@ -159,11 +159,11 @@ int ecat_axis_check(ecat_axis *axis, int mode) {
                      axis->name, axis->slave, index_of(axis, POSITION));
   wrong = ecat_drive_wrong(&axis->drive.settings);
   if (wrong != NULL) return ecat_fail(axis->bus, ECAT_EARG, "axis %s: %s", axis->name, wrong);
-  if (axis->signals[needed] < 0) return lacks(axis, needed, mode);
-  if (axis->signals[MODE] < 0) return lacks(axis, MODE, mode);
-  if (ecat_drive_positions(mode) && !(axis->drive.settings.entries & ECAT_DRIVE_HAS_POSITION))
-    return lacks(axis, POSITION, mode);
-  return 0;
+  lacks = axis_lacks(axis, mode);
+  return lacks == 0 ? 0
+                    : ecat_fail(axis->bus, ECAT_ESIGNAL,
+                                "axis %s: mode %s needs 0x%04X, which is not in the process data of slave %d: add it to "
+                                "its pdos", axis->name, ecat_drive_mode_text(mode), lacks, axis->slave);
 }
 
 /* --- exchange --------------------------------------------------------------------------------- */

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names
+from conftest import Daemon, names, wait_for
 from ecatd.base.errors import LeaseError, NoAnswerError, OwnedError, StateError, UsageError
 from ecatd.client.drives import DriveError, Drives, DriveState, Homing
 
@@ -73,7 +73,8 @@ def test_two_axes_home_move_and_stop(axes: Drives) -> None:
     axes.move_to(None, [1.0, 2.0], speed=4.0, acceleration=20.0)
     assert (x.position, y.position) == (pytest.approx(1, abs=0.02), pytest.approx(2, abs=0.02))
     x.run(5.0)
-    axes._await([x], lambda status: abs(status.speed - 5) < 0.5, 30, "at its speed")
+    x.wait_reached()
+    assert x.status.speed == pytest.approx(5, abs=0.5)
     assert y.position == pytest.approx(2, abs=0.02)
     x.move_to(0.5, speed=10)
     assert x.position == pytest.approx(0.5, abs=0.02)
@@ -148,9 +149,9 @@ def test_a_fault_stops_the_other_axis_and_needs_a_reset(axes: Drives, daemon: Da
     axes.enable()
     y.run(3.0)
     daemon.ctl("sdo-write", "x", "0x2100", "0", "1")
-    axes._await(axes.axes, lambda status: not status.enabled, 30, "off", must_follow=False)
+    wait_for(lambda: not (x.status.enabled or y.status.enabled), daemon)
     names(x.explain(), "axis x", "fault", "0x7305", "encoder")
-    axes._await([y], lambda status: abs(status.speed) < 0.1, 30, "still", must_follow=False)
+    wait_for(lambda: abs(y.status.speed) < 0.1, daemon)
     with pytest.raises(DriveError) as error:
         axes.enable()
     names(error.value, "axis x", "fault", "reset")
@@ -203,8 +204,8 @@ def test_after_a_restart_of_the_daemon_an_axis_waits_for_enable(
         axis.enable()
         axis.run(2.0)
         daemon.stop()
-        start_daemon(str(rig), "--bus", daemon.bus, config=configuration())
-        axis._group._await([axis], lambda status: status.connected, 60, "back", must_follow=False)
+        again = start_daemon(str(rig), "--bus", daemon.bus, config=configuration())
+        wait_for(lambda: axis.status.connected, again)
         names(axis.explain(), "axis x", "enable", "lost")
         with pytest.raises((DriveError, LeaseError)):
             axis.run(1.0)

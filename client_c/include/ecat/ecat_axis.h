@@ -89,6 +89,46 @@ ECAT_API int ecat_axes_state(ecat_axes *axes, int axis, ecat_axis_state *state);
 ECAT_API int ecat_axes_wait(ecat_axes *axes, double timeout);
 /* A sentence about an axis, see ecat_drive_explain(). */
 ECAT_API char *ecat_axes_explain(ecat_axes *axes, int axis, char text[ECAT_DRIVE_TEXT]);
+/* --- Movements. `which` has a bit for each axis that is meant, ECAT_AXES_ALL for all of them. These calls wait until it is
+ * done, or return ECAT_ETIMEOUT; ECAT_ESTATE: an axis has stopped, or has failed. ecat_axes_error() then has a sentence
+ * with axis, state, statusword and error code. With a timeout of 0 they begin only, and ecat_axes_poll() says when it
+ * is done. --- */
+
+#define ECAT_AXES_ALL 0xFFFFu
+
+/* What axes can be waited for. */
+enum ecat_axes_goal {
+  ECAT_AXES_ENABLED = 1,         /* they follow their targets */
+  ECAT_AXES_OFF,                 /* they are switched off */
+  ECAT_AXES_WELL,                /* they have no fault */
+  ECAT_AXES_HOMED,
+  ECAT_AXES_REACHED,             /* they are at their targets */
+  ECAT_AXES_STOPPED              /* they are out of operation, or stand in a quick stop */
+};
+
+/* Whether it is so in the last cycle, and the last request is in effect: 0, ECAT_EBUSY, or ECAT_ESTATE: it will not be. */
+ECAT_API int ecat_axes_poll(ecat_axes *axes, unsigned which, int goal);
+/* Waits for it. */
+ECAT_API int ecat_axes_await(ecat_axes *axes, unsigned which, int goal, double timeout);
+/* Takes axes into operation, where they stand. */
+ECAT_API int ecat_axes_enable(ecat_axes *axes, unsigned which, double timeout);
+ECAT_API int ecat_axes_disable(ecat_axes *axes, unsigned which, double timeout);
+/* Resets their faults. */
+ECAT_API int ecat_axes_reset(ecat_axes *axes, unsigned which, double timeout);
+/* Homes axes in operation by the methods that the drives have in 0x6098; ecat_sdo_start() sets another one before. */
+ECAT_API int ecat_axes_home(ecat_axes *axes, unsigned which, double timeout);
+/* Ends homing that was begun with a timeout of 0: back to mode CSP. */
+ECAT_API int ecat_axes_leave_home(ecat_axes *axes, unsigned which, double timeout);
+/* Moves axes in operation to positions, one for each axis that is meant. They arrive together: `speed` and
+ * `acceleration` are of the one with the longest way. */
+ECAT_API int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, double speed,
+                            double acceleration, double timeout);
+/* Begins to move axes in operation with speeds (mode CSV) or torques (mode CST), and returns at once. */
+ECAT_API int ecat_axes_run(ecat_axes *axes, unsigned which, const double *speeds);
+ECAT_API int ecat_axes_push(ecat_axes *axes, unsigned which, const double *torques);
+/* Stops axes by their quick stop. */
+ECAT_API int ecat_axes_stop(ecat_axes *axes, unsigned which, double timeout);
+
 /* Ends: the outputs go to their safe values. */
 ECAT_API void ecat_axes_close(ecat_axes *axes);
 

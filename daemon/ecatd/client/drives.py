@@ -9,10 +9,11 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from ecatd.base.errors import (
     EcatError,
@@ -23,20 +24,21 @@ from ecatd.base.errors import (
     UsageError,
 )
 from ecatd.base.timeouts import Timeout
+from ecatd.shm.contract import Errno
 
 from .arguments import seconds, text, whole
-from .axis_structs import TEXT, Axis, Request, State
+from .axis_structs import TEXT, Axis, State
 from .connection import ERRORS, text_of
 from .structs import QUICK, WAITING
 
 if TYPE_CHECKING:
     from .client import Client
 
+V = TypeVar("V")
+
 _HOMING_METHOD, _HOMING_METHODS = 0x6098, 0x60E3
 _LEASE = 0.2
 """Seconds without an exchange after which the axes stop as their safe outputs say."""
-_STANDS = 0.05
-"""rad/s or m/s below which an axis stands."""
 _CYCLE_PATIENCE = 1.0
 _WATCH = 0.1
 
@@ -73,6 +75,25 @@ class Homing(IntEnum):
     HOMES = 2
     HOMED = 3
     FAILED = 4
+
+
+class _Goal(IntEnum):
+    """`ecat_axes_goal`."""
+
+    ENABLED = 1
+    OFF = 2
+    WELL = 3
+    HOMED = 4
+    REACHED = 5
+    STOPPED = 6
+
+    @property
+    def text(self) -> str:
+        """As a condition."""
+        return _GOALS[self - 1]
+
+
+_GOALS = ("enabled", "switched off", "without a fault", "homed", "at its target", "standing still")
 
 
 class DriveError(StateError):
@@ -133,7 +154,6 @@ class Drive:
         slave: Position of its slave.
         linear: Whether positions are in m, not in rad.
         has_torque_unit: Whether torques are in N·m or N; else 1 is the rated torque.
-        request: What the C library is asked for, in each cycle; see `Drives.apply`.
     """
 
     def __init__(self, group: Drives, number: int, name: str) -> None:
@@ -144,7 +164,6 @@ class Drive:
         self.slave = int(raw.slave)
         self.linear = bool(raw.linear)
         self.has_torque_unit = bool(raw.torque_unit)
-        self.request = Request.from_buffer_copy(raw.request)
 
     # --- settings ---------------------------------------------------------------------------------
 
@@ -346,7 +365,6 @@ class Drives:
         self._bus = bus
         self._lease, self._together = seconds("lease", lease), together
         self._begun = False
-        self._asked = 0
         self._address: int | None = None
         pointer = ctypes.c_void_p()
         code = WAITING.ecat_axes_open(ctypes.byref(pointer), bus.name.encode())
@@ -380,8 +398,6 @@ class Drives:
         """
         if self._begun:
             return
-        for axis in self.axes:
-            axis._raw.request = axis.request
         self._check(WAITING.ecat_axes_start(self._address, self._lease, self._together))
         self._begun = True
         self._next()
@@ -430,53 +446,17 @@ class Drives:
 
     # --- what they shall do -----------------------------------------------------------------------
 
-    def apply(self) -> None:
-        """Sends the requests of all axes (`Drive.request`), all of them at once."""
-        array = (Request * len(self.axes))(*(axis.request for axis in self.axes))
-        self._asked = int(QUICK.ecat_axes_request(self._open, ctypes.byref(array)))
-
     def enable(self, axes: Sequence[Drive] | None = None, timeout: float = 5.0) -> None:
         """See `Drive.enable`."""
-        chosen = self._chosen(axes)
-        self._set(chosen, enable=0, quick_stop=0, halt=0, home=0)
-        self._settle()
-        for axis in chosen:
-            state = _status(self.state(axis._number)).state
-            if state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
-                raise DriveError(f"{axis.explain()}: remove its cause, and reset it")
-        for axis in chosen:
-            axis.request.target = axis.position if _has_position(axis.request.mode) else 0.0
-        self._set(chosen, enable=1)
-        self._await(chosen, lambda status: status.enabled, timeout, "enabled")
+        self._do(axes, _Goal.ENABLED, timeout, "enable")
 
     def disable(self, axes: Sequence[Drive] | None = None, timeout: float = 10.0) -> None:
         """See `Drive.disable`."""
-        chosen = self._chosen(axes)
-        self._set(chosen, enable=0, home=0)
-        self._await(
-            chosen,
-            lambda status: status.state < DriveState.SWITCHED_ON or not status.connected,
-            timeout,
-            "switched off",
-            must_follow=False,
-        )
+        self._do(axes, _Goal.OFF, timeout, "disable")
 
     def reset(self, axes: Sequence[Drive] | None = None, timeout: float = 5.0) -> None:
         """See `Drive.reset`."""
-        chosen = self._chosen(axes)
-        self._set(chosen, enable=0, fault_reset=0)
-        self._settle()
-        self._set(chosen, fault_reset=1)
-        try:
-            self._await(
-                chosen,
-                lambda status: status.connected and status.state < DriveState.FAULT_REACTION_ACTIVE,
-                timeout,
-                "without a fault",
-                must_follow=False,
-            )
-        finally:
-            self._set(chosen, fault_reset=0)
+        self._do(axes, _Goal.WELL, timeout, "reset")
 
     def home(
         self,
@@ -486,29 +466,16 @@ class Drives:
     ) -> None:
         """See `Drive.home`; all axes home at the same time."""
         chosen = self._chosen(axes)
-        self._check_enabled(chosen)
-        for axis, method in zip(chosen, methods or (), strict=methods is not None):
-            self._set_method(axis, method)
-        before = [axis.request.mode for axis in chosen]
-        self._set(chosen, mode=DriveMode.HOMING, home=1)
+        if methods is not None:
+            for axis, method in _pairs(chosen, methods, "homing methods"):
+                self._set_method(axis, method)
         try:
-            self._await(
-                chosen,
-                lambda status: status.homing == Homing.HOMED,
-                timeout,
-                "homed",
-                is_over=lambda status: status.homing == Homing.FAILED,
-            )
-        finally:
-            for axis, mode in zip(chosen, before, strict=True):
-                axis.request.target = axis.position
-                axis.request.mode = mode
-            self._set(chosen, home=0)
-        self._settle()
-        for axis in chosen:
-            axis.request.target = axis.position
-        self._set(chosen)
-        self._await(chosen, lambda status: status.enabled, timeout, "enabled again")
+            self._do(chosen, _Goal.HOMED, timeout, "home")
+        except EcatError:
+            with suppress(EcatError):  # the first error counts
+                self._call("leave_home", chosen, 0.0)
+            raise
+        self._do(chosen, _Goal.ENABLED, timeout, "leave_home")
 
     def move_to(
         self,
@@ -522,53 +489,37 @@ class Drives:
     ) -> None:
         """See `Drive.move_to`; several axes arrive together: the others go slower than the last."""
         chosen = self._chosen(axes)
-        goals = [_number(value) for value in positions]
-        if len(goals) != len(chosen):
-            raise UsageError(f"{len(goals)} positions for {len(chosen)} axes")
-        self._check_enabled(chosen)
+        pairs = _pairs(chosen, positions, "positions")
         most = 1.0 if speed is None else _positive("speed", speed)
         rate = 10.0 if acceleration is None else _positive("acceleration", acceleration)
-        ways = [abs(goal - axis.position) for axis, goal in zip(chosen, goals, strict=True)]
-        longest = max(ways)
-        for axis, goal, way in zip(chosen, goals, ways, strict=True):
-            part = max(way / longest, 1e-3) if longest > 0 else 1.0
-            axis.request.mode = DriveMode.CYCLIC_POSITION
-            axis.request.target = goal
-            axis.request.speed, axis.request.acceleration = most * part, rate * part
-        self._set(chosen, halt=0, home=0)
-        if timeout is None:
-            timeout = 5.0 + longest / most + 2 * most / rate
+        way = max(abs(_number(goal) - axis.position) for axis, goal in pairs)
+        self._call("move", chosen, _doubles(positions), most, rate, 0.0)
         if wait:
-            self.wait_reached(chosen, timeout)
+            usual = 5.0 + way / most + 2 * most / rate
+            self.wait_reached(chosen, usual if timeout is None else timeout)
 
     def run(self, axes: Sequence[Drive] | None, speeds: Sequence[float]) -> None:
         """See `Drive.run`."""
-        self._follow(axes, DriveMode.CYCLIC_VELOCITY, speeds)
+        chosen = self._chosen(axes)
+        _pairs(chosen, speeds, "speeds")
+        self._call("run", chosen, _doubles(speeds))
 
     def push(self, axes: Sequence[Drive] | None, torques: Sequence[float]) -> None:
         """See `Drive.push`."""
-        self._follow(axes, DriveMode.CYCLIC_TORQUE, torques)
+        chosen = self._chosen(axes)
+        _pairs(chosen, torques, "torques")
+        self._call("push", chosen, _doubles(torques))
 
     def stop(self, axes: Sequence[Drive] | None = None, timeout: float = 10.0) -> None:
         """See `Drive.stop`."""
-        chosen = self._chosen(axes)
-        self._set(chosen, quick_stop=1, home=0)
-        self._await(
-            chosen,
-            lambda status: (
-                status.state != DriveState.OPERATION_ENABLED and abs(status.speed) < _STANDS
-            ),
-            timeout,
-            "standing still",
-            must_follow=False,
-        )
+        self._do(axes, _Goal.STOPPED, timeout, "stop")
 
     def wait_reached(self, axes: Sequence[Drive] | None = None, timeout: float = 60.0) -> None:
         """See `Drive.wait_reached`."""
-        self._await(self._chosen(axes), lambda status: status.reached, timeout, "at its target")
+        self._await(self._chosen(axes), _Goal.REACHED, timeout)
 
     def wait(self, timeout: float = _CYCLE_PATIENCE) -> None:
-        """Waits for the next cycle, for programs that set `Drive.request` in each.
+        """Waits for the next cycle, for programs that look at each.
 
         Raises:
             UnreachableError: There are no cycles.
@@ -590,27 +541,31 @@ class Drives:
     def _check(self, code: int) -> int:
         if code < 0:
             said = text_of(QUICK.ecat_axes_error(self._address))
-            raise ERRORS.get(code, EcatError)(said)
+            raise DriveError(said) if code == Errno.ESTATE else ERRORS.get(code, EcatError)(said)
         return code
 
-    def _set(self, axes: Sequence[Drive], **values: int) -> None:
-        for axis in axes:
-            for name, value in values.items():
-                setattr(axis.request, name, value)
+    def _call(self, what: str, axes: Sequence[Drive], *arguments: Any) -> None:
         if not self._begun:
             raise UsageError("the axes do not move yet: use them in a `with`")
-        self.apply()
+        which = sum(1 << axis._number for axis in axes)
+        self._check(getattr(WAITING, f"ecat_axes_{what}")(self._open, which, *arguments))
 
-    def _settle(self) -> None:
-        """Waits until the last request is in effect, and the drives have seen it."""
-        end = time.monotonic() + _CYCLE_PATIENCE
-        while self.state(0).answered < self._asked:
-            self._next()
+    def _do(self, axes: Sequence[Drive] | None, goal: _Goal, timeout: float, what: str) -> None:
+        """Begins something, and waits until it is done. Python must see Ctrl-C meanwhile."""
+        chosen = self._chosen(axes)
+        self._call(what, chosen, 0.0)
+        self._await(chosen, goal, timeout)
+
+    def _await(self, axes: Sequence[Drive], goal: _Goal, timeout: float) -> None:
+        end = time.monotonic() + seconds("timeout", timeout)
+        which = sum(1 << axis._number for axis in axes)
+        while (code := QUICK.ecat_axes_poll(self._open, which, goal)) == Errno.EBUSY:
             if time.monotonic() > end:
                 self._look()
-                raise NoAnswerError("the bus does not take requests")
-        for _ in range(3):
+                said = "; ".join(axis.explain() for axis in axes)
+                raise NoAnswerError(f"{said}: not {goal.text} within {Timeout(timeout)}")
             self._next()
+        self._check(code)
 
     def _next(self, timeout: float = _CYCLE_PATIENCE) -> None:
         end = time.monotonic() + timeout
@@ -623,50 +578,6 @@ class Drives:
         code = self.state(0).code
         if code < 0:
             self._check(code)
-
-    def _check_enabled(self, axes: Sequence[Drive]) -> None:
-        for axis in axes:
-            if not self.state(axis._number).view.enabled:
-                raise DriveError(f"{axis.explain()}: enable it first")
-
-    def _follow(
-        self, axes: Sequence[Drive] | None, mode: DriveMode, targets: Sequence[float]
-    ) -> None:
-        chosen = self._chosen(axes)
-        self._check_enabled(chosen)
-        for axis, target in zip(chosen, targets, strict=True):
-            axis.request.mode, axis.request.target = mode, _number(target)
-        self._set(chosen, halt=0, home=0)
-
-    def _await(
-        self,
-        axes: Sequence[Drive],
-        condition: Callable[[AxisStatus], bool],
-        timeout: float,
-        what: str,
-        *,
-        must_follow: bool = True,
-        is_over: Callable[[AxisStatus], bool] = lambda status: False,
-    ) -> None:
-        """Waits until a condition holds for all axes, after the last request is in effect."""
-        end = time.monotonic() + seconds("timeout", timeout)
-        while True:
-            self._next()
-            states = [self.state(axis._number) for axis in axes]
-            if all(state.answered >= self._asked for state in states):
-                found = [_status(state) for state in states]
-                if all(map(condition, found)):
-                    return
-                for axis, status, state in zip(axes, found, states, strict=True):
-                    stopped = must_follow and (state.order.waits or state.order.trip)
-                    if stopped or is_over(status):
-                        why = "homing has failed" if is_over(status) else f"it is not {what}"
-                        raise DriveError(f"{axis.explain()}: {why}")
-            if time.monotonic() > end:
-                self._look()
-                late = [a for a, s in zip(axes, states, strict=True) if not condition(_status(s))]
-                said = "; ".join(axis.explain() for axis in late or axes)
-                raise NoAnswerError(f"{said}: not {what} within {Timeout(timeout)}")
 
     def _set_method(self, axis: Drive, method: int) -> None:
         """Sets the homing method, after a look into the list of those that the drive has."""
@@ -708,8 +619,14 @@ def _place(name: str | int) -> tuple[str, int]:
     return name, 1
 
 
-def _has_position(mode: int) -> bool:
-    return mode in (DriveMode.CYCLIC_POSITION, DriveMode.PROFILE_POSITION, DriveMode.HOMING)
+def _pairs(axes: Sequence[Drive], values: Sequence[V], what: str) -> list[tuple[Drive, V]]:
+    if len(values) != len(axes):
+        raise UsageError(f"{len(values)} {what} for {len(axes)} axes")
+    return list(zip(axes, values, strict=True))
+
+
+def _doubles(values: Sequence[float]) -> ctypes.Array[ctypes.c_double]:
+    return (ctypes.c_double * len(values))(*map(_number, values))
 
 
 def _number(value: float) -> float:
