@@ -417,7 +417,7 @@ def test_rig_names():
     assert len(rigs.make("line:3").devices) == 3
     assert rigs.make("empty").devices == []
     assert [name for name, _ in rigs.library()] == [
-        *("troll", "troll-can", "line:N", "terminals:N", "branches", "empty"),
+        *("troll", "troll-can", "two-axes", "line:N", "terminals:N", "branches", "empty"),
     ]
     for wrong in ("line:", "line:x", "line:100000"):
         with pytest.raises(UsageError, match=naming(wrong, 1, 1024)):

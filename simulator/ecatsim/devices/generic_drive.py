@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.pdo import Entry, Pdo
 
@@ -15,6 +18,14 @@ from .parameters import Parameter
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
 _U16, _U32 = DataType.UNSIGNED16, DataType.UNSIGNED32
 _MAX_TORQUE = 0x6072
+_PROBE_FUNCTION = Entry(0x60B8, 0, "Touch probe function", _U16, 16)
+_PROBES = (
+    Entry(0x60B9, 0, "Touch probe status", _U16, 16),
+    Entry(0x60BA, 0, "Touch probe position 1 positive value", _I32, 32),
+    Entry(0x60BB, 0, "Touch probe position 1 negative value", _I32, 32),
+    Entry(0x60BC, 0, "Touch probe position 2 positive value", _I32, 32),
+    Entry(0x60BD, 0, "Touch probe position 2 negative value", _I32, 32),
+)
 _GAP = Entry(0, 0, "", DataType.PADDING, 8)
 _CONTROL = Entry(0x6040, 0, "Controlword", _U16, 16)
 _MODE = Entry(0x6060, 0, "Modes of operation", _I8, 8)
@@ -36,10 +47,11 @@ class CiA402Drive(Drive):
     """CiA 402 servo drive with a motor.
 
     0x1600 and 0x1A00 serve all modes and are assigned; 0x1601 to 0x1603 and 0x1A01 to 0x1A03 are
-    for cyclic synchronous position, velocity and torque.
+    for cyclic synchronous position, velocity and torque, 0x1604 and 0x1A04 for the touch probes.
 
     Args:
         travel: Revolutions between each limit switch and the start position; 0: no switches.
+        stops: Revolutions between each mechanical stop and the start position; 0: no stops.
         home: Position of the home switch, in revolutions from the start position.
         encoder: Counts per revolution.
         inertia: Inertia of motor and load in kg m².
@@ -61,20 +73,23 @@ class CiA402Drive(Drive):
         DcMode("SM", 0x0000, description="Synchronous with the process data"),
     )
     minimum_cycle_ns = 250_000
-    rx_pdos = (
+    rx_pdos: Sequence[Pdo] = (
         Pdo(0x1600, "All targets", 2, _ALL_TARGETS),
         Pdo(0x1601, "Cyclic position", 0xFF, [_CONTROL, _TARGET_POSITION]),
         Pdo(0x1602, "Cyclic velocity", 0xFF, [_CONTROL, _TARGET_VELOCITY]),
         Pdo(0x1603, "Cyclic torque", 0xFF, [_CONTROL, _TARGET_TORQUE]),
+        Pdo(0x1604, "Touch probes", 0xFF, [_PROBE_FUNCTION]),
     )
-    tx_pdos = (
+    tx_pdos: Sequence[Pdo] = (
         Pdo(0x1A00, "All actual values", 3, _ALL_VALUES),
         Pdo(0x1A01, "Position", 0xFF, [_STATUS, _POSITION]),
         Pdo(0x1A02, "Velocity", 0xFF, [_STATUS, _POSITION, _VELOCITY]),
         Pdo(0x1A03, "Torque", 0xFF, [_STATUS, _POSITION, _VELOCITY, _TORQUE]),
+        Pdo(0x1A04, "Touch probes", 0xFF, [*_PROBES]),
     )
     parameters = (
         Parameter("travel", "revolutions to each limit switch, 0 for none", 0.0, 0, 10000),
+        Parameter("stops", "revolutions to each mechanical stop, 0 for none", 0.0, 0, 10000),
         Parameter("home", "home switch, in revolutions from the start", 0.0, -10000, 10000),
         Parameter("encoder", "counts per revolution", 65536, 100, 16777216),
         Parameter("inertia", "motor and load in kg m²", 2.5e-4, 1e-6, 1),
@@ -85,6 +100,7 @@ class CiA402Drive(Drive):
     def __init__(
         self,
         travel: float = 0.0,
+        stops: float = 0.0,
         home: float = 0.0,
         encoder: int = 65536,
         inertia: float = 2.5e-4,
@@ -93,6 +109,8 @@ class CiA402Drive(Drive):
     ) -> None:
         self._forgetful = forgetful
         motor = Motor(MotorData(encoder=encoder, inertia=inertia), seed)
+        if stops:
+            motor.stops = (-stops * 2 * math.pi, stops * 2 * math.pi)
         low, high = (-travel, travel) if travel else (None, None)
         super().__init__(motor, Switches(low, high, home))
 

@@ -130,6 +130,8 @@ class CyclicPosition(Cyclic):
     """Cyclic synchronous position (8): 0x607A + 0x60B0, interpolated over 0x60C2."""
 
     positioning = True
+    target = (0x607A, 0)
+    """The object with the target."""
 
     def __init__(self, objects: Values, axis: Axis) -> None:
         super().__init__(objects, axis)
@@ -160,4 +162,10 @@ class CyclicPosition(Cyclic):
         self._axis.command_position(inside, speed if inside == self._reference else 0.0)
 
     def _wanted(self) -> float:
-        return float(self._objects[0x607A, 0] + self._objects[0x60B0, 0])
+        return float(self._objects[self.target] + self._objects[0x60B0, 0])
+
+
+class InterpolatedPosition(CyclicPosition):
+    """Interpolated position (7): 0x60C1:01 + 0x60B0, interpolated over 0x60C2."""
+
+    target = (0x60C1, 1)
