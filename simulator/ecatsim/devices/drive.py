@@ -215,18 +215,14 @@ class Drive(Device):
 
     def _set_options(self) -> None:
         options = self.power.options
-        options.quick_stop, options.shutdown = self[0x605A, 0], self._code(0x605B, 0)
-        options.disable, options.fault_reaction = self._code(0x605C, 1), self._code(0x605E, 2)
+        options.quick_stop, options.shutdown = self[0x605A, 0], self[0x605B, 0]
+        options.disable, options.fault_reaction = self[0x605C, 0], self[0x605E, 0]
         self.axis.limit(self[0x607D, 1], self[0x607D, 2])
 
     def _mode(self) -> Mode:
         """Returns the commanded mode, or the present one if the drive does not have it."""
         wanted = self[0x6060, 0]
         return Mode(wanted if wanted in self.options.modes else self[0x6061, 0])
-
-    def _code(self, index: int, default: int) -> int:
-        """An option code, or what a drive without this object does."""
-        return self[index, 0] if index in self.dictionary else default
 
     @property
     def _holds(self) -> bool:
@@ -253,7 +249,7 @@ class Drive(Device):
         elif self.power.state != PowerState.OPERATION_ENABLED:
             self.axis.off()
         elif word & HALT:
-            self._brake(self._code(0x605D, 1), elapsed)
+            self._brake(self[0x605D, 0], elapsed)
             self._halted = True
         else:
             if self._halted:
@@ -287,8 +283,7 @@ class Drive(Device):
         for index, same in _INTERNAL.items():
             if index in self.dictionary:
                 self[index, 0] = self[same, 0]
-        if 0x60B8 in self.dictionary:
-            self._probes.step()
+        self._probes.step()
         status = self.power.status | _REMOTE
         if self.power.state == PowerState.OPERATION_ENABLED:
             status |= operation.status(word, elapsed)

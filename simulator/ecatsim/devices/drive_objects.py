@@ -7,6 +7,7 @@ from ecatd.etg.datatypes import DataType
 from ..plants.motor import MotorData
 from ..slave.objects import Access, Dictionary, Variable
 from .drive_options import DriveOptions
+from .modes import Mode
 
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
 _U8, _U16, _U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
@@ -96,8 +97,11 @@ def add(objects: Dictionary, motor: MotorData, options: DriveOptions) -> None:
     _add_records(objects, turn)
     _limit(objects)
     _add_homing(objects, options)
+    if Mode.INTERPOLATED_POSITION in options.modes and 0x60C1 not in objects:
+        target = Variable(0x60C1, 1, "1st set-point", _I32, 0, _RW | Access.RX_PDO)
+        objects.record(0x60C1, "Interpolation data record", [target])
     for index in options.without:
-        objects.remove(index)
+        objects.hide(index)
 
 
 def _mappable(index: int, access: Access) -> Access:
@@ -140,8 +144,8 @@ def _add_homing(objects: Dictionary, options: DriveOptions) -> None:
     homing = options.homing
     if homing.listed:
         objects.array(0x60E3, "Supported homing methods", _I8, homing.methods)
-    if homing.hard_stops and homing.threshold[0] not in objects:
-        index, _ = homing.threshold
+    index, subindex = homing.threshold
+    if homing.hard_stops and not subindex:
         objects.variable(index, "Current threshold for homing mode", _U16, _THRESHOLD, _RW)
 
 
@@ -153,7 +157,6 @@ def _limit(objects: Dictionary) -> None:
         objects[0x6099, subindex].minimum = 1
     for index, low, high in (
         (FOLLOWING_ERROR_OPTION, 0, 1),
-        (0x605A, 0, 7),
         (0x605B, 0, 1),
         (0x605C, 0, 1),
         (0x605D, 1, 3),

@@ -28,7 +28,7 @@ class DriveOptions:
         torque_when_switched_on: Whether the motor is held in SWITCHED ON.
         probes: Number of touch probes.
         probe_index: Whether a touch probe can take the index pulse.
-        without: Objects of the drive profile that it does not have.
+        without: Objects of the drive profile that masters do not find; their defaults count.
     """
 
     modes: tuple[Mode, ...] = STANDARD_MODES

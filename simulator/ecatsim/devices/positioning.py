@@ -37,7 +37,7 @@ class Trapezoid:
         self, target: float, velocity: float, acceleration: float, deceleration: float, dt: float
     ) -> None:
         """Makes a step of `dt` seconds towards a target."""
-        if dt <= 0:
+        if dt <= 0 or not (velocity and acceleration and deceleration):
             return
         rest = target - self.position
         if abs(rest) <= deceleration * dt**2 and abs(self.speed) <= deceleration * dt:
@@ -76,7 +76,7 @@ class ProfilePosition(Operation):
         self._target = self._axis.position
         self.resume()
         if self._motion.speed:
-            braking = self._motion.speed**2 / (2 * self._objects[0x6084, 0])
+            braking = self._motion.speed**2 / (2 * max(1, self._objects[0x6084, 0]))
             self._target += math.copysign(braking, self._motion.speed)
 
     def resume(self) -> None:
