@@ -95,7 +95,7 @@ def add(objects: Dictionary, motor: MotorData, options: DriveOptions) -> None:
             objects.variable(index, name, kind, value, access)
         objects[index, 0].access |= _mappable(index, access)
     _add_records(objects, turn)
-    _limit(objects)
+    _limit(objects, options)
     _add_homing(objects, options)
     if Mode.INTERPOLATED_POSITION in options.modes and 0x60C1 not in objects:
         target = Variable(0x60C1, 1, "1st set-point", _I32, 0, _RW | Access.RX_PDO)
@@ -149,7 +149,7 @@ def _add_homing(objects: Dictionary, options: DriveOptions) -> None:
         objects.variable(index, "Current threshold for homing mode", _U16, _THRESHOLD, _RW)
 
 
-def _limit(objects: Dictionary) -> None:
+def _limit(objects: Dictionary, options: DriveOptions) -> None:
     """Sets the limits of the values that a master may write."""
     for index in (0x6083, 0x6084, 0x6085, 0x6087, 0x609A):
         objects[index, 0].minimum = 1
@@ -157,6 +157,7 @@ def _limit(objects: Dictionary) -> None:
         objects[0x6099, subindex].minimum = 1
     for index, low, high in (
         (FOLLOWING_ERROR_OPTION, 0, 1),
+        (0x605A, min(options.quick_stop), max(options.quick_stop)),
         (0x605B, 0, 1),
         (0x605C, 0, 1),
         (0x605D, 1, 3),
