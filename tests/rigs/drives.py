@@ -10,7 +10,7 @@ from typing import IO
 
 from ecatd.etg.datatypes import DataType
 from ecatsim.devices.drive import Drive
-from ecatsim.devices.elmo import ElmoGold
+from ecatsim.devices.drives import kind
 from ecatsim.devices.generic_drive import CiA402Drive
 from ecatsim.rig import Rig
 from ecatsim.slave.objects import Access, Value
@@ -25,7 +25,7 @@ BREAK_ENCODER = 0x2100
 
 
 def rig() -> Rig:
-    drives: list[Drive] = [ElmoGold(), CiA402Drive(encoder=ENCODER)]
+    drives: list[Drive] = [kind("ElmoGold")(), CiA402Drive(encoder=ENCODER)]
     result = Rig("drives", list(drives))
     for drive in drives:
         _add_break(drive)

@@ -1,11 +1,11 @@
 """A rig whose drive sends an emergency before it answers the first request."""
 
 from ecatd.etg.al import AlState
-from ecatsim.devices.elmo import ElmoGold
+from ecatsim.devices import drives
 from ecatsim.rig import Rig
 
 
-class Troubled(ElmoGold):
+class Troubled(drives.kind("ElmoGold")):
     def run(self, now: float) -> None:
         super().run(now)
         if self.machine.state == AlState.PREOP and not self.has_told:

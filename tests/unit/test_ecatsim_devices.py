@@ -9,9 +9,9 @@ from ecatd.base.errors import ConfigError, UsageError
 from ecatd.etg.al import AlState
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.pdo import Entry, Pdo
+from ecatsim.devices import drives
 from ecatsim.devices.beckhoff import EL1018, EL3008
 from ecatsim.devices.cia402 import PowerState, PowerStateMachine
-from ecatsim.devices.elmo import ElmoGold
 from ecatsim.devices.library import make
 from ecatsim.esc import Segment
 from ecatsim.plants.motor import Control, Motor
@@ -159,7 +159,7 @@ class Bench:
     """A drive on a bench: steps of one millisecond."""
 
     def __init__(self, **entries):
-        self.drive, self.now = ElmoGold(Motor(seed=3)), 0.0
+        self.drive, self.now = drives.kind("ElmoGold")(seed=3), 0.0
         self.drive.step(0.0)
 
     def set(self, **values):
@@ -290,7 +290,7 @@ def test_unknown_mode_changes_nothing():
 
 
 def test_zero_in_the_process_data_keeps_mode_and_torque_limit():
-    drive = ElmoGold()
+    drive = drives.kind("ElmoGold")()
     drive[0x6060, 0] = 9
     limit = drive[0x6072, 0]
     drive.receive(bytes(16))
@@ -417,7 +417,7 @@ def test_rig_names():
     assert len(rigs.make("line:3").devices) == 3
     assert rigs.make("empty").devices == []
     assert [name for name, _ in rigs.library()] == [
-        *("troll", "troll-can", "line:N", "terminals:N", "branches", "empty"),
+        *("troll", "troll-can", "two-axes", "line:N", "terminals:N", "branches", "empty"),
     ]
     for wrong in ("line:", "line:x", "line:100000"):
         with pytest.raises(UsageError, match=naming(wrong, 1, 1024)):
@@ -479,7 +479,7 @@ def test_unknown_type_in_a_pdo_is_said():
 
 
 def test_float_scale_of_the_encoder():
-    drive = ElmoGold()
+    drive = drives.kind("ElmoGold")()
     drive.motor.position = 2 * math.pi
     drive.step(0.0)
     assert drive[0x6064, 0] == drive[0x608F, 1]

@@ -7,8 +7,8 @@ from slave_bench import OP, PREOP, SAFEOP, Bench
 
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.pdo import Entry, Pdo
+from ecatsim.devices import drives
 from ecatsim.devices.beckhoff import EL2008, EL3008, EL4004
-from ecatsim.devices.elmo import ElmoGold
 from ecatsim.devices.generic import AnalogIO, DigitalIO, Loopback
 from ecatsim.esc import Event
 from ecatsim.plants.waveforms import constant
@@ -148,7 +148,7 @@ def test_missing_outputs_are_told_after_a_second():
 
 def test_a_drive_that_is_off_sleeps_and_starts_as_if_it_had_not():
     def positions(rest):
-        drive = ElmoGold()
+        drive = drives.kind("ElmoGold")()
         bench = Bench(drive).safeop().op(bytes(16)).run(0.02)
         if rest:
             assert drive.sleeps
@@ -170,7 +170,7 @@ def test_a_drive_that_is_off_sleeps_and_starts_as_if_it_had_not():
 
 
 def test_a_broken_encoder_wakes_the_drive():
-    drive = ElmoGold()
+    drive = drives.kind("ElmoGold")()
     bench = Bench(drive).safeop().op(bytes(16)).run(0.02)
     assert drive.sleeps
     drive.break_encoder()

@@ -8,6 +8,12 @@ from dataclasses import dataclass
 from ..plants.motor import Control, Motor
 
 NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME = 0x1, 0x2, 0x4
+_HALF = 0.5  # revolutions from the middle of the home switch to its edges
+
+
+def wrapped(value: float) -> int:
+    """Returns a value as a signed 32-bit counter shows it."""
+    return (round(value) + (1 << 31)) % (1 << 32) - (1 << 31)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +45,7 @@ class Axis:
         shift: Position of the machine's zero in the coordinates of the drive, which homing sets.
         demand: The demand on the motor now: position, speed or torque.
         held: Whether the axis is held at a limit, or its target was moved to a limit.
+        homed: Whether homing has found the reference since power-on.
     """
 
     def __init__(self, motor: Motor, switches: Switches) -> None:
@@ -49,6 +56,7 @@ class Axis:
         self.shift = 0.0
         self.demand = 0.0
         self.held = False
+        self.homed = False
         self._limits: tuple[float, float] | None = None
 
     @property
@@ -69,11 +77,25 @@ class Axis:
     @property
     def inputs(self) -> int:
         """Bits 0 to 2 of the digital inputs 0x60FD: negative limit, positive limit, home switch."""
-        turns, at = self.machine / self.encoder, self.switches
+        turns, at, home = self.machine / self.encoder, self.switches, self.home
         bits = NEGATIVE_LIMIT if at.negative is not None and turns <= at.negative else 0
         bits |= POSITIVE_LIMIT if at.positive is not None and turns >= at.positive else 0
-        bits |= HOME if at.home is not None and abs(turns - at.home) <= 0.5 else 0
+        bits |= HOME if home and home[0] <= self.machine <= home[1] else 0
         return bits
+
+    @property
+    def home(self) -> tuple[float, float] | None:
+        """The edges of the home switch in machine coordinates, the left one first, or None."""
+        at = self.switches.home
+        if at is None:
+            return None
+        return (at - _HALF) * self.encoder, (at + _HALF) * self.encoder
+
+    def pulse(self, start: float, direction: int) -> float:
+        """Returns the place of the next index pulse beyond `start`, in machine coordinates."""
+        turns = start / self.encoder
+        number = math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1
+        return float(number * self.encoder)
 
     def limit(self, low: int, high: int) -> None:
         """Sets the software position limits 0x607D; there are none if `low` is not below `high`."""

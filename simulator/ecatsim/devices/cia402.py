@@ -8,6 +8,7 @@ from enum import IntEnum
 _SWITCH_ON, _ENABLE_VOLTAGE, _QUICK_STOP, _ENABLE_OPERATION = 0x01, 0x02, 0x04, 0x08
 _FAULT_RESET = 0x80
 _VOLTAGE_ENABLED = 0x0010
+_STAYING, _CURRENT_LIMIT = (5, 6, 7), 3
 
 
 class PowerState(IntEnum):
@@ -29,9 +30,10 @@ class Options:
 
     0 switches off at once, 1 is the slow down ramp (0x6084), 2 the quick stop ramp (0x6085), 3 the
     current limit. 5, 6 and 7 brake like 1, 2 and 3, and the drive stays in QUICK STOP ACTIVE.
+    Values beyond are of the manufacturer, and brake like 3.
 
     Attributes:
-        quick_stop: 0x605A: 0 to 3, 5 to 7.
+        quick_stop: 0x605A: 0 to 3, 5 to 7, or a value of the manufacturer.
         shutdown: 0x605B: 0 or 1.
         disable: 0x605C: 0 or 1.
         fault_reaction: 0x605E: 0 to 3.
@@ -117,7 +119,7 @@ class PowerStateMachine:
             self._quick_stop()
         elif state == s.QUICK_STOP_ACTIVE:
             wanted = _SWITCH_ON | _ENABLE_OPERATION
-            if self.options.quick_stop >= 5 and word & wanted == wanted:
+            if self.options.quick_stop in _STAYING and word & wanted == wanted:
                 self._enter(s.OPERATION_ENABLED)  # transition 16
         elif not word & _SWITCH_ON:
             self._leave(s.READY_TO_SWITCH_ON, self.options.shutdown)
@@ -137,7 +139,8 @@ class PowerStateMachine:
     def _quick_stop(self) -> None:
         code = self.options.quick_stop
         if self.state == PowerState.OPERATION_ENABLED and code:
-            after = PowerState.SWITCH_ON_DISABLED if code < 5 else None
-            self._stop(code if code < 5 else code - 4, PowerState.QUICK_STOP_ACTIVE, after)
+            after = None if code in _STAYING else PowerState.SWITCH_ON_DISABLED
+            how = code - 4 if code in _STAYING else min(code, _CURRENT_LIMIT)
+            self._stop(how, PowerState.QUICK_STOP_ACTIVE, after)
         elif self.state != PowerState.QUICK_STOP_ACTIVE:
             self._enter(PowerState.SWITCH_ON_DISABLED)

@@ -13,9 +13,10 @@ from ..plants.motor import Control, Motor
 from ..slave.device import Device
 from ..slave.objects import Value
 from . import drive_objects
-from .axis import Axis, Switches
+from .axis import NEGATIVE_LIMIT, POSITIVE_LIMIT, Axis, Switches, wrapped
 from .cia402 import PowerState, PowerStateMachine
-from .homing import METHODS, Homing
+from .drive_options import DriveOptions
+from .homing import Homing
 from .modes import (
     BIT_13,
     HALT,
@@ -25,34 +26,35 @@ from .modes import (
     Operation,
     ProfileTorque,
     ProfileVelocity,
+    Values,
     Window,
 )
-from .positioning import CyclicPosition, ProfilePosition
+from .positioning import CyclicPosition, InterpolatedPosition, ProfilePosition
+from .touch_probe import TouchProbes
 
 FOLLOWING_ERROR, ENCODER_FAULT, PARAMETER_FAULT = 0x8611, 0x7305, 0x6320
 """Error codes in object 0x603F that the drive can report."""
 
 _REMOTE, _LIMIT = 0x0200, 0x0800
 _GENERIC_ERROR, _PROFILE_ERROR = 0x01, 0x20  # error register 0x1001
-_QUICK_STOP_OPTIONS = (0, 1, 2, 3, 5, 6, 7)
 _QUICK_RAMP, _CURRENT_LIMIT = 2, 3
 _STANDSTILL, _STANDSTILL_MS = 0.5, 5  # below this speed in rad/s, for this time
 _MAX_ELAPSED = 0.1  # seconds
+_SPEEDS = (
+    *((0x606D, 0), (0x606F, 0), (0x607F, 0), (0x6081, 0), (0x6083, 0), (0x6084, 0), (0x6085, 0)),
+    *((0x6099, 1), (0x6099, 2), (0x609A, 0), (0x60B1, 0), (0x60FF, 0)),
+)
+_INTERNAL = {0x6063: 0x6064, 0x6069: 0x606C, 0x60FC: 0x6062}  # the same values without units
 _OPERATIONS: dict[Mode, type[Operation]] = {
     Mode.NONE: Operation,
     Mode.PROFILE_POSITION: ProfilePosition,
     Mode.PROFILE_VELOCITY: ProfileVelocity,
     Mode.PROFILE_TORQUE: ProfileTorque,
-    Mode.HOMING: Homing,
+    Mode.INTERPOLATED_POSITION: InterpolatedPosition,
     Mode.CYCLIC_POSITION: CyclicPosition,
     Mode.CYCLIC_VELOCITY: CyclicVelocity,
     Mode.CYCLIC_TORQUE: CyclicTorque,
 }
-
-
-def _wrapped(value: float) -> int:
-    """Returns a value as a signed 32-bit counter shows it."""
-    return (round(value) + (1 << 31)) % (1 << 32) - (1 << 31)
 
 
 def _held(value: float, bits: int) -> int:
@@ -72,18 +74,27 @@ class Drive(Device):
     """
 
     device_type = 0x00020192
+    options = DriveOptions()
 
     def __init__(self, motor: Motor | None = None, switches: Switches | None = None) -> None:
         self.motor = motor or Motor()
         self.axis = Axis(self.motor, switches or Switches())
         super().__init__()
         self._encoder_broken = False
+        rpm = self.axis.encoder / 60
+        self._speed_unit = rpm if self.options.speeds_in_rpm else 1.0  # in counts/s
+        self._values: Values = _InCounts(self, rpm) if self.options.speeds_in_rpm else self
         self._power_on()
 
     def _power_on(self) -> None:
         self.power = PowerStateMachine()
         self.axis.shift = 0.0
-        self._operations = {mode: kind(self, self.axis) for mode, kind in _OPERATIONS.items()}
+        self.axis.homed = False
+        self._operations = {
+            mode: kind(self._values, self.axis) for mode, kind in _OPERATIONS.items()
+        }
+        self._operations[Mode.HOMING] = Homing(self._values, self.axis, self.options.homing)
+        self._probes = TouchProbes(self, self.axis, self.options.probes, self.options.probe_index)
         self._time: float | None = None
         self._halted = False
         self._still = Window()
@@ -99,14 +110,16 @@ class Drive(Device):
     def describe(self) -> None:
         """Adds the objects of the drive profile."""
         objects = self.dictionary
-        drive_objects.add(objects, self.motor.data)
+        drive_objects.add(objects, self.motor.data, self.options)
         objects[0x6060, 0].zero_keeps = True
         for index, allowed in (
-            (0x6060, tuple(Mode)),
-            (0x605A, _QUICK_STOP_OPTIONS),
-            (0x6098, METHODS),
+            (0x6060, self.options.modes),
+            (0x605A, self.options.quick_stop),
         ):
             objects[index, 0].on_write = _OneOf(allowed)
+        if self.options.speeds_in_rpm:
+            for key in _SPEEDS:
+                self[key] = round(self[key] * 60 / self.axis.encoder)
 
     @property
     def reference(self) -> float:
@@ -143,6 +156,11 @@ class Drive(Device):
         self._outside = self._outside + elapsed if outside else 0.0
         if self._left_window and self[drive_objects.FOLLOWING_ERROR_OPTION, 0]:
             self.fault(FOLLOWING_ERROR)
+        faults, homing = self.options.limit_faults, self[0x6061, 0] == Mode.HOMING
+        if faults and not homing and self.power.state == PowerState.OPERATION_ENABLED:
+            for bit, code in zip((NEGATIVE_LIMIT, POSITIVE_LIMIT), faults, strict=True):
+                if self.axis.inputs & bit:
+                    self.fault(code)
 
     @property
     def _lag(self) -> float:
@@ -202,11 +220,16 @@ class Drive(Device):
         self.axis.limit(self[0x607D, 1], self[0x607D, 2])
 
     def _mode(self) -> Mode:
-        """Returns the commanded mode, or the present one if the commanded one is unknown."""
-        try:
-            return Mode(self[0x6060, 0])
-        except ValueError:
-            return Mode(self[0x6061, 0])
+        """Returns the commanded mode, or the present one if the drive does not have it."""
+        wanted = self[0x6060, 0]
+        return Mode(wanted if wanted in self.options.modes else self[0x6061, 0])
+
+    @property
+    def _holds(self) -> bool:
+        """Whether the motor is held in a state in which it does not follow its mode."""
+        state, switched_on = self.power.state, PowerState.SWITCHED_ON
+        holds = state == switched_on and self.options.torque_when_switched_on
+        return holds or state == PowerState.QUICK_STOP_ACTIVE
 
     def _command(self, operation: Operation, word: int, elapsed: float) -> None:
         """Controls the motor as power state and mode require."""
@@ -221,7 +244,7 @@ class Drive(Device):
                 self.power.standstill()
                 if not self.power.stopping:
                     self.axis.off()
-        elif self.power.state == PowerState.QUICK_STOP_ACTIVE:
+        elif self._holds:
             self._brake(_CURRENT_LIMIT, elapsed)
         elif self.power.state != PowerState.OPERATION_ENABLED:
             self.axis.off()
@@ -238,29 +261,51 @@ class Drive(Device):
         if how == _CURRENT_LIMIT:
             self.axis.brake(None, elapsed)
         else:
-            self.axis.brake(self[0x6085 if how == _QUICK_RAMP else 0x6084, 0], elapsed)
+            index = 0x6085 if how == _QUICK_RAMP else 0x6084
+            self.axis.brake(self._values[index, 0], elapsed)
 
     # --- actual values -------------------------------------------------------------------------
 
     def _report(self, operation: Operation, word: int, elapsed: float) -> None:
         axis, motor = self.axis, self.motor
         if not self._encoder_broken:
-            self[0x6064, 0] = _wrapped(axis.position)
-            self[0x606C, 0] = round(axis.speed)
+            self[0x6064, 0] = wrapped(axis.position)
+            self[0x606C, 0] = round(axis.speed / self._speed_unit)
         permille = 1000 * motor.measured_current / motor.data.rated_current
         self[0x6078, 0] = self[0x6077, 0] = _held(permille, 16)
         control, demand = motor.control, axis.demand
-        self[0x6062, 0] = _wrapped(demand if control is Control.POSITION else axis.position)
-        self[0x606B, 0] = _held(demand if control is Control.VELOCITY else 0, 32)
+        self[0x6062, 0] = wrapped(demand if control is Control.POSITION else axis.position)
+        speed = demand / self._speed_unit if control is Control.VELOCITY else 0
+        self[0x606B, 0] = _held(speed, 32)
         self[0x6074, 0] = _held(demand if control is Control.CURRENT else 0, 16)
         self[0x60F4, 0] = _held(self._lag, 32)
         self[0x60FD, 0] = axis.inputs
+        for index, same in _INTERNAL.items():
+            if index in self.dictionary:
+                self[index, 0] = self[same, 0]
+        self._probes.step()
         status = self.power.status | _REMOTE
         if self.power.state == PowerState.OPERATION_ENABLED:
             status |= operation.status(word, elapsed)
             status |= _LIMIT * (motor.limited or axis.held)
             status |= BIT_13 * (operation.positioning and self._left_window)
+        if self.options.home_bit is not None:
+            status |= axis.homed << self.options.home_bit
         self[0x6041, 0] = status
+
+
+class _InCounts:
+    """The objects of a drive whose speeds are in revolutions a minute, as its modes see them."""
+
+    def __init__(self, objects: Values, unit: float) -> None:
+        self._objects, self._unit = objects, unit
+
+    def __getitem__(self, key: tuple[int, int]) -> int:
+        value = self._objects[key]
+        return round(value * self._unit) if key in _SPEEDS else value
+
+    def __setitem__(self, key: tuple[int, int], value: int) -> None:
+        self._objects[key] = value
 
 
 class _OneOf:

@@ -6,8 +6,8 @@ from ecatd.etg.datatypes import DataType
 
 from ..plants.motor import MotorData
 from ..slave.objects import Access, Dictionary, Variable
-from .homing import METHODS
-from .modes import SUPPORTED
+from .drive_options import DriveOptions
+from .modes import Mode
 
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
 _U8, _U16, _U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
@@ -15,16 +15,17 @@ _RW, _RO = Access.RW, Access.RO
 NO_WINDOW = 0xFFFFFFFF
 """Value of the following error window 0x6065 that switches it off."""
 
+_THRESHOLD = 3000  # mA: more than friction and acceleration need
 _CONSTANTS = (0x6075, 0x6076, 0x6502)
 _TARGETS = (
     *(0x6040, 0x6060, 0x6065, 0x6071, 0x6072, 0x607A, 0x607F, 0x6081, 0x6083, 0x6084),
-    *(0x60B0, 0x60B1, 0x60B2, 0x60FF),
+    *(0x60B0, 0x60B1, 0x60B2, 0x60B8, 0x60FF),
 )
 FOLLOWING_ERROR_OPTION = 0x2000
 """Manufacturer object: the reaction to a following error."""
 
 
-def add(objects: Dictionary, motor: MotorData) -> None:
+def add(objects: Dictionary, motor: MotorData, options: DriveOptions) -> None:
     """Adds the objects that the PDOs have not added; positions in counts, speeds in counts/s."""
     turn = motor.encoder
     acceleration = round(400 / 6.283185307 * turn)
@@ -75,11 +76,17 @@ def add(objects: Dictionary, motor: MotorData) -> None:
         (0x60B0, "Position offset", _I32, 0, _RW),
         (0x60B1, "Velocity offset", _I32, 0, _RW),
         (0x60B2, "Torque offset", _I16, 0, _RW),
+        (0x60B8, "Touch probe function", _U16, 0, _RW),
+        (0x60B9, "Touch probe status", _U16, 0, _RO),
+        (0x60BA, "Touch probe position 1 positive value", _I32, 0, _RO),
+        (0x60BB, "Touch probe position 1 negative value", _I32, 0, _RO),
+        (0x60BC, "Touch probe position 2 positive value", _I32, 0, _RO),
+        (0x60BD, "Touch probe position 2 negative value", _I32, 0, _RO),
         (0x60F4, "Following error actual value", _I32, 0, _RO),
         (0x60FD, "Digital inputs", _U32, 0, _RO),
         (0x60FF, "Target velocity", _I32, 0, _RW),
         (0x6402, "Motor type", _U16, 10, _RW),
-        (0x6502, "Supported drive modes", _U32, SUPPORTED, _RO),
+        (0x6502, "Supported drive modes", _U32, options.mode_bits, _RO),
     )
     for index, name, kind, value, access in rows:
         if index in objects:
@@ -88,7 +95,13 @@ def add(objects: Dictionary, motor: MotorData) -> None:
             objects.variable(index, name, kind, value, access)
         objects[index, 0].access |= _mappable(index, access)
     _add_records(objects, turn)
-    _limit(objects)
+    _limit(objects, options)
+    _add_homing(objects, options)
+    if Mode.INTERPOLATED_POSITION in options.modes and 0x60C1 not in objects:
+        target = Variable(0x60C1, 1, "1st set-point", _I32, 0, _RW | Access.RX_PDO)
+        objects.record(0x60C1, "Interpolation data record", [target])
+    for index in options.without:
+        objects.hide(index)
 
 
 def _mappable(index: int, access: Access) -> Access:
@@ -125,10 +138,18 @@ def _add_records(objects: Dictionary, turn: int) -> None:
             for i, (text, kind, value, access) in enumerate(members, 1)
         ]
         objects.record(index, name, entries)
-    objects.array(0x60E3, "Supported homing methods", _I8, METHODS)
 
 
-def _limit(objects: Dictionary) -> None:
+def _add_homing(objects: Dictionary, options: DriveOptions) -> None:
+    homing = options.homing
+    if homing.listed:
+        objects.array(0x60E3, "Supported homing methods", _I8, homing.methods)
+    index, subindex = homing.threshold
+    if homing.hard_stops and not subindex:
+        objects.variable(index, "Current threshold for homing mode", _U16, _THRESHOLD, _RW)
+
+
+def _limit(objects: Dictionary, options: DriveOptions) -> None:
     """Sets the limits of the values that a master may write."""
     for index in (0x6083, 0x6084, 0x6085, 0x6087, 0x609A):
         objects[index, 0].minimum = 1
@@ -136,7 +157,7 @@ def _limit(objects: Dictionary) -> None:
         objects[0x6099, subindex].minimum = 1
     for index, low, high in (
         (FOLLOWING_ERROR_OPTION, 0, 1),
-        (0x605A, 0, 7),
+        (0x605A, min(options.quick_stop), max(options.quick_stop)),
         (0x605B, 0, 1),
         (0x605C, 0, 1),
         (0x605D, 1, 3),

@@ -19,8 +19,7 @@ from ecatd.base.errors import UsageError
 
 from ..slave.device import Device
 from ..slave.sync_managers import default_size
-from . import beckhoff, can_terminals
-from .elmo import ElmoGold
+from . import beckhoff, can_terminals, drives
 from .encoder import Encoder
 from .generic import AnalogIO, DigitalIO, Loopback
 from .generic_drive import CiA402Drive
@@ -28,13 +27,13 @@ from .modular import ModularIO
 from .parameters import Parameter
 from .soe_drive import SoeDrive
 
-_CLASSES: Mapping[str, type[Device]] = {
+_CLASSES: Mapping[str, type[Device] | None] = {  # None: `drives` has it
     **{name: getattr(beckhoff, name) for name in beckhoff.__all__},
     "EL6751CAN": can_terminals.EL6751CAN,
     "C2922": can_terminals.C2922,
     "KendrionCAN": can_terminals.KendrionCAN,
     "CiA402": CiA402Drive,
-    "ElmoGold": ElmoGold,
+    **dict.fromkeys(drives.NAMES),
     "SoeDrive": SoeDrive,
     "Encoder": Encoder,
     "DigitalIO": DigitalIO,
@@ -71,7 +70,7 @@ class LibraryDevice:
 
 @cache
 def _library() -> tuple[LibraryDevice, ...]:
-    return tuple(_describe(name, kind) for name, kind in _CLASSES.items())
+    return tuple(_describe(name, _class(name)) for name in _CLASSES)
 
 
 def library() -> list[LibraryDevice]:
@@ -104,9 +103,13 @@ def _find(name: str) -> tuple[type[Device], str]:
     names = {known.casefold(): known for known in _CLASSES}
     known = names.get(name.casefold())
     if known is not None:
-        return _CLASSES[known], known
+        return _class(known), known
     hint = did_you_mean(name, _CLASSES, most=3) or "`ecatsim devices` lists all devices"
     raise UsageError(f"there is no device '{name}': {hint}")
+
+
+def _class(name: str) -> type[Device]:
+    return _CLASSES[name] or drives.kind(name)
 
 
 def _parameters(kind: type[Device]) -> tuple[Parameter, ...]:

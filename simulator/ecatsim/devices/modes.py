@@ -19,13 +19,10 @@ class Mode(IntEnum):
     PROFILE_VELOCITY = 3
     PROFILE_TORQUE = 4
     HOMING = 6
+    INTERPOLATED_POSITION = 7
     CYCLIC_POSITION = 8
     CYCLIC_VELOCITY = 9
     CYCLIC_TORQUE = 10
-
-
-SUPPORTED = sum(1 << (mode - 1) for mode in Mode if mode)
-"""Value of object 0x6502."""
 
 
 class Values(Protocol):

@@ -37,7 +37,7 @@ class Trapezoid:
         self, target: float, velocity: float, acceleration: float, deceleration: float, dt: float
     ) -> None:
         """Makes a step of `dt` seconds towards a target."""
-        if dt <= 0:
+        if dt <= 0 or not (velocity and acceleration and deceleration):
             return
         rest = target - self.position
         if abs(rest) <= deceleration * dt**2 and abs(self.speed) <= deceleration * dt:
@@ -76,7 +76,7 @@ class ProfilePosition(Operation):
         self._target = self._axis.position
         self.resume()
         if self._motion.speed:
-            braking = self._motion.speed**2 / (2 * self._objects[0x6084, 0])
+            braking = self._motion.speed**2 / (2 * max(1, self._objects[0x6084, 0]))
             self._target += math.copysign(braking, self._motion.speed)
 
     def resume(self) -> None:
@@ -130,6 +130,8 @@ class CyclicPosition(Cyclic):
     """Cyclic synchronous position (8): 0x607A + 0x60B0, interpolated over 0x60C2."""
 
     positioning = True
+    target = (0x607A, 0)
+    """The object with the target."""
 
     def __init__(self, objects: Values, axis: Axis) -> None:
         super().__init__(objects, axis)
@@ -160,4 +162,10 @@ class CyclicPosition(Cyclic):
         self._axis.command_position(inside, speed if inside == self._reference else 0.0)
 
     def _wanted(self) -> float:
-        return float(self._objects[0x607A, 0] + self._objects[0x60B0, 0])
+        return float(self._objects[self.target] + self._objects[0x60B0, 0])
+
+
+class InterpolatedPosition(CyclicPosition):
+    """Interpolated position (7): 0x60C1:01 + 0x60B0, interpolated over 0x60C2."""
+
+    target = (0x60C1, 1)

@@ -21,6 +21,7 @@ from ..slave.sii import SmType
 from . import device_attributes, device_objects, sources
 
 _OTHERS = ("pdo", "object", "sii", "strict", "complete_dictionary")
+_OF_DRIVES = ("drive", "unit", "deviation", "unknown", "source")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _RAM = 0x1000
 _LATE_OBJECTS = (0x1C00,)
@@ -29,7 +30,7 @@ _LATE_OBJECTS = (0x1C00,)
 
 def keys() -> tuple[str, ...]:
     """Returns all keys that a device file may have."""
-    return (*device_attributes.keys(), *_OTHERS)
+    return (*device_attributes.keys(), *_OTHERS, *_OF_DRIVES)
 
 
 def load(path: Path) -> Device:
@@ -53,6 +54,13 @@ def read(table: Table, name: str) -> Device:
     Raises:
         ConfigError: As for `load`.
     """
+    if "drive" in table:
+        from . import drive_file
+
+        return drive_file.read(table, name)()
+    for key in _OF_DRIVES:
+        if key in table:
+            table.fail(key, "belongs to a drive, which has a table `drive`")
     strict = table.boolean("strict", False) if "strict" in table else None
     if "strict" in table and "sii" not in table:
         table.fail(
@@ -60,6 +68,15 @@ def read(table: Table, name: str) -> Device:
         )
     base = sources.sii(table, "sii", strict=strict) if "sii" in table else None
     return _Reader(table, base, name).device()
+
+
+def read_attributes(table: Table, name: str) -> dict[str, Any]:
+    """Reads identity, texts, mailbox and PDOs: attributes for a class of devices.
+
+    Raises:
+        ConfigError: A key or value in the table is wrong.
+    """
+    return _Reader(table, None, name).attributes()
 
 
 class DescribedDevice(Device):
@@ -128,18 +145,22 @@ class _Reader:
         if base is not None:
             self._attributes = {key: getattr(base, key) for key in device_attributes.attributes()}
 
-    def device(self) -> Device:
+    def attributes(self) -> dict[str, Any]:
         table = self._table
         if self._base is None:
             for key in ("vendor", "product"):
                 table.integer(key, 0, _U32)  # required keys
         device_attributes.read(table, self._attributes)
         self._read_name()
-        pdos = table.tables("pdo")
         if "pdo" in table:
-            self._read_pdos(pdos)
+            self._read_pdos(table.tables("pdo"))
         if self._base is None:  # a real image is not checked
             self._check_memory()
+        return self._attributes
+
+    def device(self) -> Device:
+        table, pdos = self._table, self._table.tables("pdo")
+        self.attributes()
         device = self._make()
         self._apply_objects(device.dictionary, late=True)
         if table.boolean("complete_dictionary", False):

@@ -79,6 +79,7 @@ class Motor:
         current: Current in ampere.
         measured_current: Current in ampere as the drive measures it, with noise.
         limited: Whether the current is cut to its limit.
+        stops: The mechanical stops, between which it can turn: two angles in rad.
     """
 
     def __init__(self, data: MotorData | None = None, seed: int = 1) -> None:
@@ -92,6 +93,7 @@ class Motor:
         self.current = 0.0
         self.measured_current = 0.0
         self.limited = False
+        self.stops = (-math.inf, math.inf)
         self._noise = Random(seed)
         self._voltage_integral = 0.0
         self._current_integral = 0.0
@@ -175,3 +177,6 @@ class Motor:
             after = 0.0  # friction stops the motor; it breaks away in the next step if it can
         self.position += _STEP * (self.speed + after) / 2
         self.speed = after
+        low, high = self.stops
+        if not low <= self.position <= high:
+            self.position, self.speed = min(max(self.position, low), high), 0.0

@@ -27,6 +27,13 @@ def _troll_can(argument: str) -> Rig:
     return rig()
 
 
+def _two_axes(argument: str) -> Rig:
+    del argument
+    from .two_axes import rig
+
+    return rig()
+
+
 def _branches(argument: str) -> Rig:
     del argument
     from .branches import rig
@@ -68,6 +75,12 @@ _LIBRARY = (
         "troll-can",
         "troll with CAN buses behind its terminals: CANopen drive, torque sensor, CANopen I/O",
         _troll_can,
+    ),
+    _Named(
+        re.compile(r"two-axes()"),
+        "two-axes",
+        "two CiA 402 drives with motors, home switches, limit switches and mechanical stops",
+        _two_axes,
     ),
     _Named(
         re.compile(r"line:(\d{1,4})"),

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..devices import drives
 from ..devices.beckhoff import EK1100, EL1018, EL2008, EL3008, EL6751
-from ..devices.elmo import ElmoGold
 from ..plants.waveforms import constant, sine, square
 from ..rig import Rig, Trace
 from ..slave.device import Device
@@ -28,7 +28,7 @@ def rig(name: str = "troll", can: Sequence[Device] | None = None) -> Rig:
         name: Its name.
         can: Other terminals in place of the CANopen terminals.
     """
-    drive, inputs, outputs = ElmoGold(), EL1018(), EL2008()
+    drive, inputs, outputs = drives.kind("ElmoGold")(), EL1018(), EL2008()
     result = Rig(
         name,
         [

@@ -247,6 +247,12 @@ class Dictionary:
         """Removes an object."""
         del self._objects[index]
 
+    def hide(self, index: int) -> None:
+        """Removes an object for masters; the device still has its values, see `mapped`."""
+        for entry in self.object(index).entries.values():
+            self.add_beside(entry)
+        self.remove(index)
+
     def variable(
         self,
         index: int,

@@ -10,6 +10,8 @@ from ecatd.etg.datatypes import DataType
 from ...devices.axis import Switches
 from ...devices.cia402 import PowerState
 from ...devices.drive import Drive
+from ...devices.drive_options import DriveOptions
+from ...devices.homing import HomingOptions
 from ...devices.parameters import Parameter
 from ...plants.motor import Motor, MotorData
 from ...slave.objects import Access
@@ -45,6 +47,10 @@ class _Amplifier(Drive):
     product = 0x00000402
     revision = 1
     order = "CANopen drive"
+    options = DriveOptions(
+        homing=HomingOptions((1, 2, 17, 18, 33, 34, 35, 37), {}),
+        without=tuple(range(0x60B8, 0x60BE)),
+    )
 
     def __init__(self, motor: Motor, tell: Callable[[int, int], None]) -> None:
         self._tell = tell
