@@ -212,30 +212,40 @@ int ecat_axes_home(ecat_axes *axes, unsigned which, double timeout) {
   return code;
 }
 
-int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, double speed, double acceleration,
-                   double timeout) {
+/* Seconds for a way from rest to rest. */
+static double time_for(double way, double speed, double acceleration) {
+  if (way * acceleration < speed * speed) return 2 * sqrt(way / acceleration);
+  return way / speed + speed / acceleration;
+}
+
+int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, const double *speeds,
+                   const double *accelerations, double timeout) {
   ecat_drive_request requests[AXES_MAX];
-  double ways[AXES_MAX], longest = 0;
-  int i, code = check_enabled(axes, which);
+  double times[AXES_MAX], longest = 0;
+  int i, n = 0, code = check_enabled(axes, which);
   if (code != 0) return code;
-  if (!(speed > 0) || !(acceleration > 0))
-    return fail_axis(axes, 0, ECAT_EARG, "speed and acceleration must be positive");
   copy_requests(axes, requests);
   for (i = 0; i < axes->count; i++) {
+    const ecat_drive_settings *settings = &axes->axis[i].drive.settings;
     if (!is_meant(axes, which, i)) continue;
-    requests[i].target = *positions++;
+    requests[i].target = positions[n];
+    requests[i].speed = speeds != NULL ? speeds[n] : settings->approach_speed;
+    requests[i].acceleration = accelerations != NULL ? accelerations[n] : settings->approach_acceleration;
+    n++;
+    if (!(requests[i].speed > 0) || !(requests[i].acceleration > 0))
+      return fail_axis(axes, i, ECAT_EARG, "speed and acceleration must be positive");
     if (requests[i].target - requests[i].target != 0)
       return fail_axis(axes, i, ECAT_EARG, "its target is no finite number");
-    ways[i] = fabs(requests[i].target - position_of(axes, i));
-    if (ways[i] > longest) longest = ways[i];
+    times[i] = time_for(fabs(requests[i].target - position_of(axes, i)), requests[i].speed, requests[i].acceleration);
+    if (times[i] > longest) longest = times[i];
   }
   for (i = 0; i < axes->count; i++) {
-    double part;
+    double slower;
     if (!is_meant(axes, which, i)) continue;
-    part = longest > 0 && ways[i] > 1e-3 * longest ? ways[i] / longest : longest > 0 ? 1e-3 : 1;
+    slower = longest > 0 && times[i] > 1e-3 * longest ? times[i] / longest : longest > 0 ? 1e-3 : 1;
     requests[i].mode = ECAT_DRIVE_CYCLIC_POSITION;
-    requests[i].speed = speed * part;
-    requests[i].acceleration = acceleration * part;
+    requests[i].speed *= slower; /* the same way in 1 / slower of the time */
+    requests[i].acceleration *= slower * slower;
     requests[i].halt = requests[i].home = 0;
   }
   (void)ecat_axes_request(axes, requests);

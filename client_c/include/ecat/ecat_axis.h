@@ -119,10 +119,10 @@ ECAT_API int ecat_axes_reset(ecat_axes *axes, unsigned which, double timeout);
 ECAT_API int ecat_axes_home(ecat_axes *axes, unsigned which, double timeout);
 /* Ends homing that was begun with a timeout of 0: back to mode CSP. */
 ECAT_API int ecat_axes_leave_home(ecat_axes *axes, unsigned which, double timeout);
-/* Moves axes in operation to positions, one for each axis that is meant. They arrive together: `speed` and
- * `acceleration` are of the one with the longest way. */
-ECAT_API int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, double speed,
-                            double acceleration, double timeout);
+/* Moves axes in operation to positions, one for each axis that is meant. They arrive together: those with a shorter way
+ * take more time than they need. `speeds` and `accelerations` have a number for each, too; NULL: those of the settings. */
+ECAT_API int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, const double *speeds,
+                            const double *accelerations, double timeout);
 /* Begins to move axes in operation with speeds (mode CSV) or torques (mode CST), and returns at once. */
 ECAT_API int ecat_axes_run(ecat_axes *axes, unsigned which, const double *speeds);
 ECAT_API int ecat_axes_push(ecat_axes *axes, unsigned which, const double *torques);

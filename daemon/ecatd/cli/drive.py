@@ -41,13 +41,22 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--by", action="store_true", help="for move: POSITION is a distance from where it is"
     )
     command.add_argument(
-        "--speed", type=float, metavar="V", help="for move and jog: rad/s or m/s (default: 1)"
+        "--speed",
+        type=float,
+        metavar="V",
+        help="for move and jog: rad/s or m/s (default: 1 rad/s, 0.1 m/s)",
     )
     command.add_argument(
-        "--acceleration", type=float, metavar="A", help="for move and jog: rad/s² (default: 10)"
+        "--acceleration",
+        type=float,
+        metavar="A",
+        help="for move and jog: rad/s² or m/s² (default: 10, 1)",
     )
     command.add_argument(
-        "--step", type=float, metavar="D", help="for jog: distance for each key (default: 0.1)"
+        "--step",
+        type=float,
+        metavar="D",
+        help="for jog: distance for each key (default: 0.1 rad, 0.01 m)",
     )
     command.add_argument(
         "--method", type=int, metavar="N", help="for home: homing method, object 0x6098"
@@ -96,7 +105,7 @@ def _warn(options: argparse.Namespace, axis: Drive) -> None:
         "enable": "enables it where it stands, until Ctrl-C",
         "reset": "resets its fault",
         "home": "homes it: it moves until it has found its reference",
-        "jog": f"moves it by {_step(options):g} {unit} for each key",
+        "jog": f"moves it by {_step(options, axis):g} {unit} for each key",
         "move": f"moves it {'by' if options.by else 'to'} {options.position} {unit}",
     }[options.action]
     confirm(options, f"This takes over axis {options.axis} and {what}. Then its outputs are safe.")
@@ -204,8 +213,9 @@ def _progress(options: argparse.Namespace, axis: Drive) -> Iterator[None]:
             thread.join()
 
 
-def _step(options: argparse.Namespace) -> float:
-    step = 0.1 if options.step is None else options.step
+def _step(options: argparse.Namespace, axis: Drive) -> float:
+    usual = 0.01 if axis.linear else 0.1
+    step = usual if options.step is None else options.step
     if not 0 < step < 1e6:
         raise UsageError(f"--step must be positive, not {step:g}")
     return float(step)
@@ -213,7 +223,7 @@ def _step(options: argparse.Namespace) -> float:
 
 def _jog(options: argparse.Namespace, axis: Drive) -> None:
     """Moves by a step for each key: a terminal tells no release of a key."""
-    step = _step(options)
+    step = _step(options, axis)
     if not sys.stdin.isatty():
         raise UsageError("jog reads keys, so it needs a terminal")
     axis.enable(5.0)

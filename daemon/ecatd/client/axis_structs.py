@@ -150,7 +150,7 @@ _FUNCTIONS: dict[str, tuple[object, tuple[object, ...]]] = {
     "axes_reset": (_I, (_POINTER, _U, _D)),
     "axes_home": (_I, (_POINTER, _U, _D)),
     "axes_leave_home": (_I, (_POINTER, _U, _D)),
-    "axes_move": (_I, (_POINTER, _U, _POINTER, _D, _D, _D)),
+    "axes_move": (_I, (_POINTER, _U, _POINTER, _POINTER, _POINTER, _D)),
     "axes_run": (_I, (_POINTER, _U, _POINTER)),
     "axes_push": (_I, (_POINTER, _U, _POINTER)),
     "axes_stop": (_I, (_POINTER, _U, _D)),

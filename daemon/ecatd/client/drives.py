@@ -296,8 +296,8 @@ class Drive:
 
         Args:
             position: In rad or m.
-            speed: Largest speed on the way; by default 1 rad/s or m/s.
-            acceleration: In rad/s² or m/s²; by default 10.
+            speed: Largest speed on the way; by default 1 rad/s, or 0.1 m/s.
+            acceleration: By default 10 rad/s², or 1 m/s².
             timeout: Seconds; by default what the way takes, and 5 more.
             wait: Whether to wait; else `wait_reached` does.
         """
@@ -481,21 +481,37 @@ class Drives:
         self,
         axes: Sequence[Drive] | None,
         positions: Sequence[float],
-        speed: float | None = None,
-        acceleration: float | None = None,
+        speed: float | Sequence[float] | None = None,
+        acceleration: float | Sequence[float] | None = None,
         timeout: float | None = None,
         *,
         wait: bool = True,
     ) -> None:
-        """See `Drive.move_to`; several axes arrive together: the others go slower than the last."""
+        """See `Drive.move_to`; several axes arrive together: those with a shorter way go slower.
+
+        Args:
+            axes: Which; None: all.
+            positions: A position for each, in rad or m.
+            speed: Largest speed, of all or of each.
+            acceleration: Of all, or of each.
+            timeout: See `Drive.move_to`.
+            wait: See `Drive.move_to`.
+        """
         chosen = self._chosen(axes)
-        pairs = _pairs(chosen, positions, "positions")
-        most = 1.0 if speed is None else _positive("speed", speed)
-        rate = 10.0 if acceleration is None else _positive("acceleration", acceleration)
-        way = max(abs(_number(goal) - axis.position) for axis, goal in pairs)
-        self._call("move", chosen, _doubles(positions), most, rate, 0.0)
+        goals = [goal for _, goal in _pairs(chosen, positions, "positions")]
+        speeds = [
+            _positive("speed", value)
+            for value in _of_each(chosen, speed, "speeds", "approach_speed")
+        ]
+        rates = [
+            _positive("acceleration", value)
+            for value in _of_each(chosen, acceleration, "accelerations", "approach_acceleration")
+        ]
+        ways = [abs(_number(goal) - axis.position) for axis, goal in _pairs(chosen, goals, "")]
+        self._call("move", chosen, _doubles(goals), _doubles(speeds), _doubles(rates), 0.0)
         if wait:
-            usual = 5.0 + way / most + 2 * most / rate
+            rows = zip(ways, speeds, rates, strict=True)
+            usual = 5.0 + max(way / most + 2 * most / rate for way, most, rate in rows)
             self.wait_reached(chosen, usual if timeout is None else timeout)
 
     def run(self, axes: Sequence[Drive] | None, speeds: Sequence[float]) -> None:
@@ -623,6 +639,17 @@ def _pairs(axes: Sequence[Drive], values: Sequence[V], what: str) -> list[tuple[
     if len(values) != len(axes):
         raise UsageError(f"{len(values)} {what} for {len(axes)} axes")
     return list(zip(axes, values, strict=True))
+
+
+def _of_each(
+    axes: Sequence[Drive], value: float | Sequence[float] | None, what: str, setting: str
+) -> Sequence[float]:
+    """A value for each axis: one for all, one each, or the usual ones."""
+    if value is None:
+        return [float(getattr(axis._raw.drive.settings, setting)) for axis in axes]
+    if isinstance(value, Sequence):
+        return [item for _, item in _pairs(axes, value, what)]
+    return [value] * len(axes)
 
 
 def _doubles(values: Sequence[float]) -> ctypes.Array[ctypes.c_double]:
