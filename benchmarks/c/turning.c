@@ -24,7 +24,7 @@ int main(int argc, char **argv) {
   a = axis_open(argv[1], step, atof(argv[3]), ECAT_FAILURE_CONTINUE, 0, 0x9A, 0x30924, &settings, NULL, 0);
   for (time = 0;; time += step) {
     axis_measure(a, time, 1);
-    axis_command(a, time, 1, 0, 0, atof(argv[2]));
+    axis_command(a, time, 1, 0, 0, 0, atof(argv[2]));
   }
 }
 #else

@@ -57,9 +57,14 @@ static int is_wanted(ecat_drive *drive, const char *loss) {
 
 /* --- controlword and mode --------------------------------------------------------------------- */
 
+/* Whether the mode may change in operation: the drive can, and the program wants it there. */
+static int changes_mode(const ecat_drive *drive) {
+  return drive->settings.changes_mode && (drive->order.armed || drive->settings.restart == ECAT_DRIVE_AUTOMATIC);
+}
+
 /* Whether the mode may be written now: in operation only at standstill, and only if the drive allows that. */
 static int may_change_mode(const ecat_drive *drive) {
-  if (drive->view.state == ECAT_DRIVE_OPERATION && drive->settings.changes_mode) return stands(drive);
+  if (drive->view.state == ECAT_DRIVE_OPERATION && changes_mode(drive)) return stands(drive);
   return !moves(drive->view.state);
 }
 
@@ -81,7 +86,7 @@ static int word(const ecat_drive *drive, int wanted) {
   if (drive->view.state == ECAT_DRIVE_SWITCH_ON_DISABLED) return SHUTDOWN;
   if (drive->view.state == ECAT_DRIVE_READY) return wanted ? SWITCH_ON : SHUTDOWN;
   if (drive->view.state == ECAT_DRIVE_SWITCHED_ON && !wanted) return SHUTDOWN;
-  if (wanted && drive->view.state == ECAT_DRIVE_OPERATION && !in_mode && drive->settings.changes_mode)
+  if (wanted && drive->view.state == ECAT_DRIVE_OPERATION && !in_mode && changes_mode(drive))
     return stands(drive) ? OPERATION : OPERATION | HALT; /* it stops in the mode that it has, and then changes it */
   return wanted && in_mode ? OPERATION : SWITCH_ON; /* from operation: "disable operation" */
 }

@@ -14,7 +14,7 @@ typedef struct axis {
   void *master, *domain, *slave, *drive;
   void *outputs[6], *inputs[6];
   /* Of the last step. */
-  int cycle, raw[6], state, enabled, command[6], start_up;
+  int cycle, raw[6], state, enabled, command[6], start_up, homing, reached;
   double phi, w, tau, i;
 } axis;
 
@@ -46,11 +46,11 @@ void axis_measure(axis *a, double time, int valid) {
                                  &a->enabled);
 }
 
-void axis_command(axis *a, double time, int enable, int quick_stop, int fault_reset, double reference) {
+void axis_command(axis *a, double time, int enable, int quick_stop, int fault_reset, int home, double reference) {
   int n, order = a->cycle;
-  a->command[0] = ecatm_drive_command(a->drive, time, a->state, enable, quick_stop, fault_reset, reference,
+  a->command[0] = ecatm_drive_command(a->drive, time, a->state, enable, quick_stop, fault_reset, home, reference,
                                       &a->command[1], &a->command[2], &a->command[3], &a->command[4],
-                                      &a->command[5], &a->start_up);
+                                      &a->command[5], &a->start_up, &a->homing, &a->reached);
   for (n = 0; n < 6; n++)
     if (a->outputs[n]) order = ecatm_write_integer(a->outputs[n], time, order, a->command[n]);
   ecatm_commit(a->slave, time, order);
@@ -71,9 +71,9 @@ void *logic_open(const ecatm_drive_settings *settings) {
 /* One evaluation of the logic; `in`: valid, status, display, position, velocity, torque, current,
  * enable, quick stop, fault reset; `out`: control word, mode, targets, max torque, state, enabled. */
 void logic_step(void *drive, double time, const int *in, double reference, int *out, double *values) {
-  int start_up;
+  int start_up, homing, reached;
   out[6] = ecatm_drive_measure(drive, time, 0, in[0], in[1], in[2], in[3], in[4], in[5], in[6],
                                &values[0], &values[1], &values[2], &values[3], &out[7]);
-  out[0] = ecatm_drive_command(drive, time, out[6], in[7], in[8], in[9], reference, &out[1], &out[2],
-                               &out[3], &out[4], &out[5], &start_up);
+  out[0] = ecatm_drive_command(drive, time, out[6], in[7], in[8], in[9], 0, reference, &out[1], &out[2],
+                               &out[3], &out[4], &out[5], &start_up, &homing, &reached);
 }

@@ -65,6 +65,7 @@ class Settings(ctypes.Structure):
         ("restart", ctypes.c_int),
         ("axis", ctypes.c_int),
         ("entries", ctypes.c_int),
+        ("homing_method", ctypes.c_int),
         ("mode_object", ctypes.c_int),
         ("encoder", ctypes.c_double),
         ("gear", ctypes.c_double),
@@ -115,6 +116,8 @@ class Axis(ctypes.Structure):
         ("enabled", ctypes.c_int),
         ("command", ctypes.c_int * 6),
         ("start_up", ctypes.c_int),
+        ("homing", ctypes.c_int),
+        ("reached", ctypes.c_int),
         *((name, ctypes.c_double) for name in ("phi", "w", "tau", "i")),
     )
 
@@ -161,7 +164,7 @@ class Player:
 
     Attributes:
         a: What the last sample has read and written.
-        inputs: What the block is given: enable, quick_stop, fault_reset, valid.
+        inputs: What the block is given: enable, quick_stop, fault_reset, home, valid.
         reference: The reference, a function of the time.
         twice: Whether each sample is evaluated twice, with wrong inputs at first.
         history: (time, state, enabled, control word, target position, position, start-up list) of
@@ -195,7 +198,7 @@ class Player:
         )
         self.a: Any = self._axis.contents
         self.time = 0.0
-        self.inputs = {"enable": 0, "quick_stop": 0, "fault_reset": 0, "valid": 1}
+        self.inputs = {"enable": 0, "quick_stop": 0, "fault_reset": 0, "home": 0, "valid": 1}
         self.reference: Callable[[float], float] = lambda time: 0.0
         self.twice = False
         self.history: list[tuple[float, int, int, int, int, int, int]] = []
@@ -213,7 +216,7 @@ class Player:
     def step(self) -> None:
         """One sample."""
         if self.twice:
-            self._evaluate(valid=1, enable=0, quick_stop=0, fault_reset=1, reference=1e6)
+            self._evaluate(valid=1, enable=0, quick_stop=0, fault_reset=1, home=0, reference=1e6)
         self._evaluate(**self.inputs, reference=self.reference(self.time))
         a = self.a
         self.history.append(
@@ -228,12 +231,13 @@ class Player:
         enable: int,
         quick_stop: int,
         fault_reset: int,
+        home: int,
         reference: float,
     ) -> None:
         time = ctypes.c_double(self.time)
         self._calls.axis_measure(self._axis, time, valid)
         self._calls.axis_command(
-            *(self._axis, time, enable, quick_stop, fault_reset),
+            *(self._axis, time, enable, quick_stop, fault_reset, home),
             ctypes.c_double(reference),
         )
 

@@ -395,3 +395,24 @@ def test_a_model_that_dies_leaves_the_drive_without_power(
             return int(status.raw) & 0x4F == 0x40
 
         wait_for(is_disabled, drives)
+
+
+def test_a_drive_homes_and_follows_its_reference_again(play: Play) -> None:
+    """Method 37: where it stands is 0. A drive of a model changes its mode at standstill."""
+    with play(generic(Mode.CYCLIC_POSITION, homing_method=37), GENERIC) as player:
+        turn = player.time
+        player.reference = lambda time: 3.0 + time - turn
+        player.enable()
+        player.run(0.3)
+        player.reference = lambda time: 1.0
+        player.run(0.5)
+        player.set(home=True)
+        player.until(lambda: player.a.homing == 3)
+        assert not player.a.enabled, "it does not follow the reference"
+        assert player.a.phi == pytest.approx(0, abs=0.05)
+        player.set(home=False)
+        player.until(lambda: player.a.enabled)
+        player.run(0.1)
+        assert player.a.phi == pytest.approx(0, abs=0.05), "a relative reference begins there"
+        assert player.a.homing == 3
+        player.disable()

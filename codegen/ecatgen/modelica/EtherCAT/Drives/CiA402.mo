@@ -34,6 +34,10 @@ block CiA402 "State machine and conversions of a drive with the device profile C
     if useFaultReset
     "A rising edge resets a fault"
     annotation (Placement(transformation(extent = {{-324, 48}, {-300, 72}})));
+  Modelica.Blocks.Interfaces.BooleanInput home
+    if useHoming
+    "= true, if the drive shall home; afterwards it follows its reference again"
+    annotation (Placement(transformation(extent = {{-324, -72}, {-300, -48}})));
   Modelica.Blocks.Interfaces.RealInput phi_ref(quantity = "Angle", unit = "rad", displayUnit = "deg")
     if positionMode
     "Reference angle of the output"
@@ -64,6 +68,9 @@ block CiA402 "State machine and conversions of a drive with the device profile C
   Modelica.Blocks.Interfaces.BooleanOutput fault
     "= true, if the drive has a fault, or reacts to one"
     annotation (Placement(transformation(extent = {{300, -40}, {320, -20}})));
+  Modelica.Blocks.Interfaces.BooleanOutput homed
+    "= true, if the drive was homed by this block"
+    annotation (Placement(transformation(extent = {{300, -70}, {320, -50}})));
   Modelica.Blocks.Interfaces.IntegerOutput modeOfOperation(start = 0, fixed = true)
     "Mode of operation 0x6060"
     annotation (Placement(transformation(extent = {{-10, -10}, {10, 10}}, origin = {-280, -150}, rotation = 270)));
@@ -112,6 +119,10 @@ block CiA402 "State machine and conversions of a drive with the device profile C
   EtherCAT.Types.DriveState state(
     start = EtherCAT.Types.DriveState.NotReadyToSwitchOn,
     fixed = true) "State of the drive";
+  Boolean reached(start = false, fixed = true) "= true, if the drive has reached its reference";
+  EtherCAT.Types.DriveHoming homing(
+    start = EtherCAT.Types.DriveHoming.NotHomed,
+    fixed = true) "How homing goes";
   Integer startUpState(start = 0, fixed = true)
     "Start-up list; 0: not begun yet, 1: busy, 2: done, 3: refused";
 protected
@@ -121,7 +132,7 @@ protected
   parameter EtherCAT.Objects.Drive drive = EtherCAT.Objects.Drive(
     etherCATMaster.master, position, slaveName, axis, mode, reference, restart,
     (if useModeDisplay then 1 else 0) + (if usePosition then 2 else 0) + (if useVelocity then 4 else 0) + (if useTorque then 8 else 0) + (if useCurrent then 16 else 0),
-    if modeInProcessData then 0 else 24672 + 2048*(axis - 1), encoderResolution, gearRatio,
+    if modeInProcessData then 0 else 24672 + 2048*(axis - 1), if useHoming then homingMethod else 0, encoderResolution, gearRatio,
     velocityScale, ratedTorque, ratedCurrent, tau_max, approachSpeed, standstillSpeed, maxDropout, startUp,
     getInstanceName()) "State machine";
   Modelica.Blocks.Interfaces.RealInput reference_internal
@@ -129,6 +140,8 @@ protected
   Modelica.Blocks.Interfaces.BooleanInput quickStop_internal
     "Needed to connect to a conditional connector";
   Modelica.Blocks.Interfaces.BooleanInput faultReset_internal
+    "Needed to connect to a conditional connector";
+  Modelica.Blocks.Interfaces.BooleanInput home_internal
     "Needed to connect to a conditional connector";
   Modelica.Blocks.Interfaces.IntegerInput modeOfOperationDisplay_internal
     "Needed to connect to a conditional connector";
@@ -146,6 +159,7 @@ equation
   connect(tau_ref, reference_internal);
   connect(quickStop, quickStop_internal);
   connect(faultReset, faultReset_internal);
+  connect(home, home_internal);
   connect(modeOfOperationDisplay, modeOfOperationDisplay_internal);
   connect(positionActualValue, positionActualValue_internal);
   connect(velocityActualValue, velocityActualValue_internal);
@@ -156,6 +170,9 @@ equation
   end if;
   if not useFaultReset then
     faultReset_internal = enable;
+  end if;
+  if not useHoming then
+    home_internal = false;
   end if;
   if not useModeDisplay then
     modeOfOperationDisplay_internal = 0;
@@ -181,12 +198,13 @@ equation
       currentActualValue_internal);
   end when;
   when sampled then
-    (controlWord, modeOfOperation, targetPosition, targetVelocity, targetTorque, maxTorque, startUpState) =
+    (controlWord, modeOfOperation, targetPosition, targetVelocity, targetTorque, maxTorque, startUpState, homing, reached) =
       EtherCAT.Functions.driveCommand(
-        drive, time, state, enable, quickStop_internal, faultReset_internal, reference_internal);
+        drive, time, state, enable, quickStop_internal, faultReset_internal, home_internal, reference_internal);
   end when;
   fault = state == EtherCAT.Types.DriveState.Fault or
     state == EtherCAT.Types.DriveState.FaultReactionActive;
+  homed = homing == EtherCAT.Types.DriveHoming.Homed;
 
   annotation (
     defaultComponentName = "cia402",
@@ -241,12 +259,20 @@ drive does not have, or that are 0, are passed over.
 </table>
 <p>
 While <code>quickStop</code> is true, the control word is 2. After a short request it stays 2 until the drive
-leaves its operation. The drive stops as its object 0x605A says, and is enabled again when
-<code>quickStop</code> is false and <code>enable</code> is still true. A rising edge of
+leaves its operation. The drive stops as its object 0x605A says; <code>restart</code> decides when it is
+enabled again. A rising edge of
 <code>faultReset</code> resets a fault; <code>faultReset</code> must stay true until the drive has reset it.
 Without that connector a rising edge of <code>enable</code> resets a fault, even if the edge came before the
 fault was seen. One edge resets one fault. In profile position, the bits 4, 5 (change immediately) and 12 hand
 each change of the target over.
+</p>
+<h4>Homing</h4>
+<p>
+With <code>useHoming</code>, a true <code>home</code> takes the drive, once it is enabled and stands still, into homing mode
+(0x6060 = 6), which needs <code>modeInProcessData</code>. The drive moves as its method says: object 0x6098, which
+<code>homingMethod</code> sets, with the speeds 0x6099. Then <code>homed</code> is true, and when <code>home</code> becomes false
+the drive follows its reference again, without a jump. <code>homed</code> becomes false when the drive is lost, since it may
+have lost its position. If the drive does not find its reference, <code>homing</code> is <code>Failed</code>.
 </p>
 <h4>Validity and start-up list</h4>
 <p>
@@ -297,24 +323,26 @@ resolution means a wrong speed. No output of a model is an emergency stop.
         Text(extent = {{-294, 41}, {-150, 19}}, textString = "phi_ref", horizontalAlignment = TextAlignment.Left, visible = positionMode),
         Text(extent = {{-294, 11}, {-150, -11}}, textString = "w_ref", horizontalAlignment = TextAlignment.Left, visible = velocityMode),
         Text(extent = {{-294, -19}, {-150, -41}}, textString = "tau_ref", horizontalAlignment = TextAlignment.Left, visible = torqueMode),
+        Text(extent = {{-294, -49}, {-150, -71}}, textString = "home", horizontalAlignment = TextAlignment.Left, visible = useHoming),
+        Text(extent = {{150, -49}, {294, -71}}, textString = "homed", horizontalAlignment = TextAlignment.Right),
         Text(extent = {{150, 131}, {294, 109}}, textString = "phi", horizontalAlignment = TextAlignment.Right),
         Text(extent = {{150, 101}, {294, 79}}, textString = "w", horizontalAlignment = TextAlignment.Right),
         Text(extent = {{150, 71}, {294, 49}}, textString = "tau", horizontalAlignment = TextAlignment.Right),
         Text(extent = {{150, 41}, {294, 19}}, textString = "i", horizontalAlignment = TextAlignment.Right),
         Text(extent = {{150, 11}, {294, -11}}, textString = "enabled", horizontalAlignment = TextAlignment.Right),
         Text(extent = {{150, -19}, {294, -41}}, textString = "fault", horizontalAlignment = TextAlignment.Right),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {-280, -92}, rotation = 90, textString = "mode", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {-258, -92}, rotation = 90, textString = "control", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {-236, -92}, rotation = 90, textString = "max tau", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {-214, -92}, rotation = 90, textString = "torque", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {-192, -92}, rotation = 90, textString = "velocity", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {-170, -92}, rotation = 90, textString = "position", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {148, -92}, rotation = 90, textString = "valid", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {170, -92}, rotation = 90, textString = "position", horizontalAlignment = TextAlignment.Left, visible = usePosition),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {192, -92}, rotation = 90, textString = "torque", horizontalAlignment = TextAlignment.Left, visible = useTorque),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {214, -92}, rotation = 90, textString = "status", horizontalAlignment = TextAlignment.Left),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {236, -92}, rotation = 90, textString = "mode", horizontalAlignment = TextAlignment.Left, visible = useModeDisplay),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {258, -92}, rotation = 90, textString = "velocity", horizontalAlignment = TextAlignment.Left, visible = useVelocity),
-        Text(extent = {{-43, 10}, {43, -10}}, origin = {280, -92}, rotation = 90, textString = "current", horizontalAlignment = TextAlignment.Left, visible = useCurrent),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {-280, -104}, rotation = 90, textString = "mode", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {-258, -104}, rotation = 90, textString = "control", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {-236, -104}, rotation = 90, textString = "max tau", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {-214, -104}, rotation = 90, textString = "torque", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {-192, -104}, rotation = 90, textString = "velocity", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {-170, -104}, rotation = 90, textString = "position", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {148, -104}, rotation = 90, textString = "valid", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {170, -104}, rotation = 90, textString = "position", horizontalAlignment = TextAlignment.Left, visible = usePosition),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {192, -104}, rotation = 90, textString = "torque", horizontalAlignment = TextAlignment.Left, visible = useTorque),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {214, -104}, rotation = 90, textString = "status", horizontalAlignment = TextAlignment.Left),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {236, -104}, rotation = 90, textString = "mode", horizontalAlignment = TextAlignment.Left, visible = useModeDisplay),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {258, -104}, rotation = 90, textString = "velocity", horizontalAlignment = TextAlignment.Left, visible = useVelocity),
+        Text(extent = {{-31, 10}, {31, -10}}, origin = {280, -104}, rotation = 90, textString = "current", horizontalAlignment = TextAlignment.Left, visible = useCurrent),
         Text(extent = {{-300, 190}, {300, 150}}, textColor = {0, 0, 255}, textString = "%name")}));
 end CiA402;

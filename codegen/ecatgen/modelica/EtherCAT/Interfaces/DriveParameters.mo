@@ -18,6 +18,12 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
     "= true, if a separate input resets faults, and not switching enable on again"
     annotation (Evaluate = true, HideResult = true, choices(checkBox = true), Dialog(group = "Operation"));
 
+  parameter Boolean useHoming = false "= true, if there is an input that homes the drive"
+    annotation (Evaluate = true, HideResult = true, choices(checkBox = true), Dialog(group = "Operation"));
+  parameter Integer homingMethod(min = -128, max = 127) = 0
+    "Homing method of CiA 402, or of the manufacturer (negative), written to 0x6098; 0: the drive has one"
+    annotation (Dialog(group = "Operation", enable = useHoming));
+
   parameter Real encoderResolution(min = 0, start = 65536)
     "Increments of the position per revolution of the motor (0x608F)"
     annotation (Dialog(group = "Motor and gear"));

@@ -20,6 +20,12 @@ partial block PartialDrive "Base of drives: SI units outside, state machine and 
     annotation (Placement(
       transformation(extent = {{-215, 63}, {-201, 77}}),
       iconTransformation(extent = {{-124, -8}, {-100, 16}})));
+  Modelica.Blocks.Interfaces.BooleanInput home
+    if useHoming
+    "= true, if the drive shall home; afterwards it follows its reference again"
+    annotation (Placement(
+      transformation(extent = {{-215, 3}, {-201, 17}}),
+      iconTransformation(extent = {{-124, 76}, {-100, 100}})));
   Modelica.Blocks.Interfaces.RealInput phi_ref(quantity = "Angle", unit = "rad", displayUnit = "deg")
     if positionMode
     "Reference angle of the output"
@@ -68,6 +74,12 @@ partial block PartialDrive "Base of drives: SI units outside, state machine and 
     annotation (Placement(
       transformation(extent = {{201, 18}, {215, 32}}),
       iconTransformation(extent = {{100, -90}, {120, -70}})));
+  Modelica.Blocks.Interfaces.BooleanOutput homed
+    if useHoming
+    "= true, if the drive was homed by this block"
+    annotation (Placement(
+      transformation(extent = {{201, 3}, {215, 17}}),
+      iconTransformation(extent = {{100, 78}, {120, 98}})));
   EtherCAT.Drives.CiA402 cia402(
     final mode = mode,
     final reference = reference,
@@ -75,6 +87,8 @@ partial block PartialDrive "Base of drives: SI units outside, state machine and 
     final approachSpeed = approachSpeed,
     final useQuickStop = useQuickStop,
     final useFaultReset = useFaultReset,
+    final useHoming = useHoming,
+    final homingMethod = homingMethod,
     final encoderResolution = encoderResolution,
     final gearRatio = gearRatio,
     final velocityScale = velocityScale,
@@ -88,6 +102,8 @@ partial block PartialDrive "Base of drives: SI units outside, state machine and 
     "State machine and conversions"
     annotation (Placement(transformation(extent = {{-150, -30}, {150, 110}})));
   EtherCAT.Types.DriveState state = cia402.state "State of the drive";
+  EtherCAT.Types.DriveHoming homing = cia402.homing "How homing goes";
+  Boolean reached = cia402.reached "= true, if the drive has reached its reference";
 equation
   connect(enable, cia402.enable)
     annotation (Line(points = {{-208, 100}, {-156, 100}}, color = {255, 0, 255}));
@@ -113,9 +129,15 @@ equation
     annotation (Line(points = {{155, 40}, {208, 40}}, color = {255, 0, 255}));
   connect(cia402.fault, fault)
     annotation (Line(points = {{155, 25}, {208, 25}}, color = {255, 0, 255}));
+  connect(home, cia402.home)
+    annotation (Line(points = {{-208, 10}, {-156, 10}}, color = {255, 0, 255}));
+  connect(cia402.homed, homed)
+    annotation (Line(points = {{155, 10}, {208, 10}}, color = {255, 0, 255}));
 
   annotation (
     Icon(graphics = {
+      Text(extent = {{-96, 97}, {-20, 79}}, textString = "home", horizontalAlignment = TextAlignment.Left, visible = useHoming),
+      Text(extent = {{20, 97}, {96, 79}}, textString = "homed", horizontalAlignment = TextAlignment.Right, visible = useHoming),
       Text(extent = {{-96, 69}, {-20, 51}}, textString = "enable", horizontalAlignment = TextAlignment.Left),
       Text(extent = {{-96, 41}, {-20, 23}}, textString = "quickStop", horizontalAlignment = TextAlignment.Left, visible = useQuickStop),
       Text(extent = {{-96, 13}, {-20, -5}}, textString = "faultReset", horizontalAlignment = TextAlignment.Left, visible = useFaultReset),

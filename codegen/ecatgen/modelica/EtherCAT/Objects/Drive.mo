@@ -13,6 +13,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input Integer entries
       "Mapped objects: 1 mode display + 2 position + 4 velocity + 8 torque + 16 current";
     input Integer modeObject "Index of the object to write the mode by SDO, 0 if it is in the process data";
+    input Integer homingMethod "Homing method, 0: that of the drive";
     input Real encoderResolution "Increments per revolution of the motor";
     input Real gearRatio "Revolutions of the motor per revolution of the output";
     input Real velocityScale "Raw velocity at one revolution of the motor per second";
@@ -26,7 +27,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
       "Objects to write before the drive is enabled: index, subindex, data type, value";
     input String instance = "" "Name of the instance of the block, for messages";
     output Drive drive "Drive";
-    external "C" drive = ecatm_drive_open(master, position, slaveName, axis, mode, reference, restart, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
+    external "C" drive = ecatm_drive_open(master, position, slaveName, axis, mode, reference, restart, entries, modeObject, homingMethod, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

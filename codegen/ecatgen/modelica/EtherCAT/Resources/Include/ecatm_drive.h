@@ -15,6 +15,7 @@ typedef struct ecatm_drive_settings {
   int restart;                   /* enum ecat_drive_restart: after a loss or a fault */
   int axis;                      /* 1 first: 0x800 * (axis - 1) is added to the indices of its objects */
   int entries;                   /* enum ecat_drive_entries, added up */
+  int homing_method;             /* written to 0x6098, 0: nothing is written */
   int mode_object;               /* index of the object to write the mode by SDO, 0: in the process data */
   double encoder;                /* increments per revolution of the motor */
   double gear;                   /* revolutions of the motor per revolution of the output */
@@ -49,7 +50,7 @@ ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mod
   settings->axis = 1;
   settings->entries = ECAT_DRIVE_HAS_MODE_DISPLAY | ECAT_DRIVE_HAS_POSITION | ECAT_DRIVE_HAS_VELOCITY |
                       ECAT_DRIVE_HAS_TORQUE | ECAT_DRIVE_HAS_CURRENT;
-  settings->mode_object = 0;
+  settings->mode_object = settings->homing_method = 0;
   settings->encoder = settings->velocity_scale = encoder;
   settings->gear = 1;
   settings->rated_torque = settings->rated_current = settings->max_torque = 1;
@@ -84,6 +85,7 @@ ECATM_FUNCTION void ecatm_drive_convert(const ecatm_drive_settings *s, ecat_driv
   to->restart = s->restart;
   to->reference = s->reference;
   to->entries = s->entries;
+  to->changes_mode = 1;          /* to homing and back, at standstill */
   to->position_scale = ECATM_TWO_PI / (s->encoder * s->gear);
   to->velocity_scale = ECATM_TWO_PI / (s->velocity_scale * s->gear);
   to->torque_scale = s->rated_torque * s->gear / 1000;
@@ -99,19 +101,27 @@ typedef struct ecatm_drive_table {
   int rows[1][ECATM_LIST_COLUMNS]; /* further rows follow in the same memory */
 } ecatm_drive_table;
 
+ECATM_FUNCTION void ecatm_drive_row(int *row, int index, int value) {
+  row[0] = index;
+  row[2] = 2; /* INTEGER8 */
+  row[3] = value;
+}
+
 /* Makes the list of objects to write before the drive is enabled: the mode, unless it is in the process
  * data, then the rows of `table` with index, subindex, data type and value. */
 ECATM_FUNCTION void *ecatm_drive_list(void *object, int position, const char *name,
                                       const ecatm_drive_settings *settings, const int *table,
                                       size_t rows, const char *block) {
-  size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = settings->mode_object != 0;
+  size_t row = sizeof(int) * ECATM_LIST_COLUMNS, first = 0;
   ecatm_drive_table *all =
-      (ecatm_drive_table *)ecatm_new((ecatm_master *)object, sizeof *all + rows * row);
+      (ecatm_drive_table *)ecatm_new((ecatm_master *)object, sizeof *all + (rows + 1) * row);
   void *list;
   if (all == NULL) return NULL;
-  all->rows[0][0] = settings->mode_object;
-  all->rows[0][2] = 2; /* INTEGER8 */
-  all->rows[0][3] = settings->mode;
+  if (settings->mode_object != 0)
+    ecatm_drive_row(all->rows[0] + ECATM_LIST_COLUMNS * first++, settings->mode_object, settings->mode);
+  if (settings->homing_method != 0)
+    ecatm_drive_row(all->rows[0] + ECATM_LIST_COLUMNS * first++, 0x6098 + 0x800 * (settings->axis - 1),
+                    settings->homing_method);
   if (rows > 0) memcpy((char *)all->rows + first * row, table, rows * row);
   list = ecatm_sdo_list_open(object, position, name, all->rows[0], rows + first, ECATM_LIST_COLUMNS,
                              block);
@@ -154,7 +164,8 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *nam
 /* The constructor in Modelica; see ecatm_drive_settings. `mode` is the number of an
  * EtherCAT.Types.DriveMode. */
 ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *name, int axis, int mode,
-                                      int reference, int restart, int entries, int mode_object, double encoder, double gear,
+                                      int reference, int restart, int entries, int mode_object,
+                                      int homing_method, double encoder, double gear,
                                       double velocity_scale, double rated_torque,
                                       double rated_current, double max_torque,
                                       double approach_speed, double standstill_speed,
@@ -169,6 +180,7 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *na
   settings.axis = axis;
   settings.entries = entries;
   settings.mode_object = mode_object;
+  settings.homing_method = homing_method;
   settings.encoder = encoder;
   settings.gear = gear;
   settings.velocity_scale = velocity_scale;

@@ -62,7 +62,7 @@ ECATM_FUNCTION int ecatm_drive_measure(void *object, double time, int order, int
   *w = view->speed;
   *tau = view->torque;
   *i = view->current;
-  *enabled = view->enabled;
+  *enabled = view->enabled && drive->drive.order_before.request.mode == drive->settings.mode;
   return view->state;
 }
 
@@ -100,16 +100,17 @@ ECATM_FUNCTION int ecatm_drive_asks(const ecatm_drive *drive, int enable) {
  * Until the drive is enabled, the targets follow its actual values. `start_up` is the enum
  * ecatm_sdo_state of the start-up list. `order` is a result of measure(). */
 ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int enable,
-                                       int quick_stop, int fault_reset, double reference, int *mode,
+                                       int quick_stop, int fault_reset, int home, double reference, int *mode,
                                        int *position, int *velocity, int *torque, int *max_torque,
-                                       int *start_up) {
+                                       int *start_up, int *homing, int *reached) {
   ecatm_drive *drive = (ecatm_drive *)object;
   ecat_drive_request request;
   ecat_drive_outputs outputs;
   ecatm_drive_begin(drive, time);
   drive->start_up = ecatm_sdo_list_write(drive->list, time, order, ecatm_drive_asks(drive, enable));
   memset(&request, 0, sizeof request);
-  request.mode = drive->settings.mode;
+  request.mode = home && drive->drive.view.state == ECAT_DRIVE_OPERATION ? ECAT_DRIVE_HOMING : drive->settings.mode;
+  request.home = home;
   request.ready = drive->start_up == ECATM_SDO_DONE;
   request.enable = enable;
   request.quick_stop = quick_stop;
@@ -128,6 +129,8 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   *torque = outputs.torque;
   *max_torque = outputs.max_torque;
   *start_up = drive->start_up;
+  *homing = drive->drive.order.homing;
+  *reached = drive->drive.order.reached;
   return outputs.control;
 }
 
