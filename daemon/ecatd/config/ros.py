@@ -59,16 +59,8 @@ def _namespace(table: Table, key: Key) -> str:
 @accepts("a text")
 def _name(table: Table, key: Key) -> str:
     name = table.text(key)
-    if not name or not name.isprintable():
-        table.fail(key, f"{show(name)} cannot be the name of a joint")
-    return name
-
-
-@accepts("an input of the slave")
-def _entry(table: Table, key: Key) -> str:
-    name = table.text(key)
-    if not name or not name.isprintable():
-        table.fail(key, f'{show(name)} is no entry: write its name or address, "0x6064:00"')
+    if not name.isprintable():
+        table.fail(key, f"{show(name)} cannot be a name: it has control characters")
     return name
 
 
@@ -92,9 +84,9 @@ class JointConfig(Placed):
     slave: Annotated[int | str, position_or_name]
     name: Annotated[str, _name] = ""
     axis: Annotated[int, integer(0, 7)] = 0
-    position: Annotated[str, _entry] = ""
-    velocity: Annotated[str, _entry] = ""
-    effort: Annotated[str, _entry] = ""
+    position: Annotated[str, _name] = ""
+    velocity: Annotated[str, _name] = ""
+    effort: Annotated[str, _name] = ""
 
 
 @dataclass(slots=True)

@@ -46,7 +46,7 @@ class Node:
         self._log = log
         self._client: Client | None = None
         self._joints: Joints | None = None
-        self._reported = ""  # what is wrong
+        self._reported: list[str] = []  # what is wrong
 
     async def run(self) -> None:
         """Publishes until it is cancelled."""
@@ -125,20 +125,21 @@ class Node:
             try:
                 with Client(self._bus) as client:
                     joints = Joints(client, self._config.joint)
-                    self._report("; ".join(joints.problems))
+                    self._report(joints.problems)
                     self._client, self._joints = client, joints
                     await self._stream(client, joints, publisher)
             except EcatError as error:
-                self._report(f"no joints for ROS 2: {error}")
+                self._report([f"no joints for ROS 2: {error}"])
             finally:
                 self._client = self._joints = None
             await asyncio.sleep(_PAUSE)
 
-    def _report(self, text: str) -> None:
+    def _report(self, problems: list[str]) -> None:
         """Logs what is wrong, once while it stays so."""
-        if text and text != self._reported:
-            self._log.warning(text)
-        self._reported = text
+        for text in problems:
+            if text not in self._reported:
+                self._log.warning(text)
+        self._reported = problems
 
     async def _stream(self, client: Client, joints: Joints, to: _Publisher | None) -> None:
         """Publishes joints until the daemon ends, or is another one."""
