@@ -1,6 +1,6 @@
 """What a ROS 2 sees of a bus: a real daemon, the router of the test, and rosbags as the reader.
 
-No ROS 2 runs here: `tests/unit/test_ros.py` compares the bytes with the sources of rmw_zenoh.
+No ROS 2 runs here: `tests/unit/test_ros_messages.py` has bytes from the sources of rmw_zenoh.
 """
 
 import math

@@ -47,8 +47,6 @@ RECORDER, ROS = "the flight recorder", "the node of ROS 2"
 """Names of the processes, for messages."""
 _MODULES = {GATEWAY: "ecatd.gateway", RECORDER: "ecatd.recorder", ROS: "ecatd.ros"}
 """The processes that the bus does not need."""
-_EVENTS = {GATEWAY: "gateway", RECORDER: "recorder", ROS: "ros"}
-"""The events about them."""
 _OF_ROS = ("bus", "log", "realtime", "gateway", "ros")
 """The tables of the configuration that the node of ROS 2 gets."""
 _STEP_LEAST_US, _STEP_MOST_US = 1000, 10_000
@@ -518,7 +516,12 @@ class Supervisor:
 
 def _tell_of(name: str, text: str, tell: Callable[[str, str], None]) -> None:
     """Writes to the log about a process that the bus does not need."""
-    tell(text, _EVENTS[name])
+    if name == GATEWAY:
+        tell(text, "gateway")
+    elif name == RECORDER:
+        tell(text, "recorder")
+    else:
+        tell(text, "ros")
 
 
 async def _until_hung(child: Child) -> None:
