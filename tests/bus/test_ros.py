@@ -5,6 +5,7 @@ No ROS 2 runs here: `tests/unit/test_ros_messages.py` has bytes from the sources
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -241,6 +242,30 @@ def test_values_that_cannot_be_trusted_are_not_published(daemon: Daemon, port: i
         until(lambda: "rail" in ros.joints())
 
 
+def test_it_has_no_rights_and_listens_nowhere(daemon: Daemon, port: int) -> None:
+    process = Path(f"/proc/{daemon.child_pid('ecatd.ros')}")
+    with ros_at(port) as ros:
+        ros.joints()
+        status = dict(
+            line.split(":\t", 1) for line in (process / "status").read_text().splitlines()
+        )
+        assert int(status["CapEff"], 16) == int(status["CapPrm"], 16) == 0
+        assert status["NoNewPrivs"] == "1"
+        sockets = set()
+        for item in (process / "fd").iterdir():
+            flags = int(
+                re.search(r"flags:\s+(\d+)", (process / "fdinfo" / item.name).read_text())[1], 8
+            )
+            name = str(item.readlink())
+            sockets.add(name)
+            # Outputs are claimed by writing into the file of the clients.
+            assert "/dev/shm/" not in name or flags & os.O_ACCMODE == os.O_RDONLY, name
+        for table in ("tcp", "tcp6", "udp", "udp6"):
+            for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+                state, inode = line.split()[3], line.split()[9]
+                assert f"socket:[{inode}]" not in sockets or state == "01", line  # connected
+
+
 def test_the_router_comes_and_goes(daemon: Daemon, port: int) -> None:
     for _ in range(2):
         with ros_at(port) as ros:
@@ -250,6 +275,19 @@ def test_the_router_comes_and_goes(daemon: Daemon, port: int) -> None:
         wait_for(lambda c=count: daemon.log.count("no Zenoh router of ROS 2") >= c, daemon)
     with daemon.client() as client:
         client.wait(3)
+
+
+def test_who_is_no_router_is_not_taken_for_one(start_daemon: Callable[..., Daemon]) -> None:
+    """A peer, such as a gateway of ecatd, passes nothing on."""
+    port = free_port()
+    listen = {"listen/endpoints": [f"tcp/127.0.0.1:{port}"]}
+    with zenoh.open(session_config("peer", listen)):
+        config = f"[gateway]\nlisten = []\n[ros]\nconnect = 'tcp/127.0.0.1:{port}'\n"
+        daemon = start_daemon("line:1", config=config)
+        wait_for(
+            lambda: f"no Zenoh router of ROS 2 is reached at tcp/127.0.0.1:{port}" in daemon.log,
+            daemon,
+        )
 
 
 def test_it_is_killed_and_started_again(daemon: Daemon, port: int) -> None:

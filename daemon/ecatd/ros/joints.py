@@ -59,9 +59,6 @@ class Joints:
                 where = f"ros.joint[{number}]"
                 self.problems.append(f"{where} is not published: {error}")
         self._present = {item for joint in self._joints for item in joint.values}
-        self._domains = {
-            value.signal.domain for joint in self._joints for value in joint.values.values()
-        }
 
     @property
     def names(self) -> list[str]:
@@ -87,11 +84,12 @@ class Joints:
             for item in _QUANTITIES
         }
         names = [joint.name for joint in good]
-        return JointState(self._time_ns(), names, *(columns[item] for item in _QUANTITIES))
+        return JointState(self._time_ns(good), names, *(columns[item] for item in _QUANTITIES))
 
-    def _time_ns(self) -> int:
-        """Unix time at which the values were read; of several domains, that of the oldest ones."""
-        monotonic = min(self._client.domain(domain).time_ns for domain in self._domains)
+    def _time_ns(self, joints: Sequence[_Joint]) -> int:
+        """Unix time at which values were read; of several domains, that of the oldest ones."""
+        domains = {value.signal.domain for joint in joints for value in joint.values.values()}
+        monotonic = min(self._client.domain(domain).time_ns for domain in domains)
         return time.time_ns() - (time.monotonic_ns() - monotonic)
 
     def _add(self, config: JointConfig) -> None:

@@ -99,13 +99,13 @@ class Node:
         )
 
     async def _look_after(self, session: zenoh.Session) -> None:
-        """Logs when the router is reached, and when it is lost."""
-        was_there = False
+        """Logs when the router is reached, and when it is lost, or is none."""
+        was_there = None
         while True:
             is_there = bool(session.info.routers_zid())
             if is_there and not was_there:
                 self._log.info(f"ROS 2 is reached by its router at {self._config.connect}")
-            elif was_there and not is_there:
+            elif is_there != was_there:
                 self._log.warning(self._no_router())
             was_there = is_there
             await asyncio.sleep(_PAUSE)
