@@ -33,12 +33,14 @@ NEEDED = {
     "[[signal]]": "slave = 0\nentry = '0x6000:01'",
     "[[copy]]": "slave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'",
     "[[gateway.user]]": "name = 'anna'",
+    "[[ros.joint]]": "slave = 0",
     "[[flight_recorder.condition]]": "signal = '0/0x6000:01'\nabove = 1",
 }
 """Keys without which a table is refused."""
 ABOVE = {
     "[[slave.pdo.entries]]": "[[slave]]\nposition = 0\n[[slave.pdo]]\nindex = 0x1600\n",
     "[[slave.can.safe]]": "[[slave]]\nposition = 0\n[slave.can]\nbit_rate = 500\n",
+    "[[ros.joint]]": "[ros]\nconnect = 'tcp/localhost:7448'\n",
     "[[gateway.user]]": "[gateway]\nusers_ca = '/ca.pem'\n",
     **dict.fromkeys(
         (

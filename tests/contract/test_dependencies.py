@@ -47,9 +47,9 @@ def test_pysoem_is_known_in_one_module() -> None:
     assert importers("pysoem") == {"ecatd.master.frames.soem"}
 
 
-def test_zenoh_is_known_to_gateway_and_client_only() -> None:
+def test_zenoh_is_known_to_those_who_speak_it_only() -> None:
     assert all(
-        m.startswith(("ecatd.gateway", "ecatd.client", "ecatd.operations.zenoh_keys"))
+        m.startswith(("ecatd.gateway", "ecatd.client", "ecatd.ros", "ecatd.operations.zenoh_keys"))
         for m in importers("zenoh")
     )
 

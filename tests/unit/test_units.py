@@ -18,8 +18,8 @@ from ecatd.service.supervisor import STOP_PATIENCE_S
 
 UNITS = Path(__file__).parents[2] / "systemd"
 ALL = ("ecatd.service", "ecatd@.service", "ecatd-gateway.service", "ecatd-gateway@.service")
-WEB = "ecatd-web.service"
-EXPOSURE = {"ecatd.service": 2.3, "ecatd-gateway.service": 1.4, WEB: 1.4}
+WEB, ROS = "ecatd-web.service", "ecatd-ros@.service"
+EXPOSURE = {"ecatd.service": 2.3, "ecatd-gateway.service": 1.4, WEB: 1.4, ROS: 1.4}
 OF_ONE_BUS = ("# ", "Conflicts=", "After=ecatd@", "DefaultInstance=")
 
 needs_systemd = pytest.mark.skipif(
@@ -107,6 +107,24 @@ def test_the_live_view_has_no_right_on_the_bus() -> None:
     assert f"d {folder} 2750 ecatd-web ecat -" in (UNITS / "ecatd.tmpfiles.conf").read_text()
 
 
+def test_what_ros_sees_has_a_user_of_its_own_that_reads_only() -> None:
+    unit = set(lines(ROS))
+    users = (UNITS / "ecatd.sysusers.conf").read_text().splitlines()
+    assert {"User=ecatd-ros", "Group=ecat", "CapabilityBoundingSet="} <= unit
+    assert 'u ecatd-ros - "EtherCAT for ROS 2"' in users
+    # No socket to request something, and no file to claim outputs.
+    assert "InaccessiblePaths=-/run/ecatd -/dev/shm/ecat/%i.out" in unit
+    groups = [line for line in unit if line.startswith("SupplementaryGroups=")]
+    assert not groups + [line for line in users if line.startswith("m ecatd-ros")]
+    (command,) = (line for line in unit if line.startswith("ExecStart="))
+    options = make_parser().parse_args(shlex.split(command)[1:])
+    assert (options.only_ros, options.bus, str(options.config)) == (
+        True,
+        "%i",
+        "/etc/ecatd/%i.toml",
+    )
+
+
 @needs_systemd
 @pytest.mark.parametrize("folder", ["bin", "a b%n$HOME"])
 def test_systemd_understands_every_line(tmp_path: Path, folder: str) -> None:
@@ -116,11 +134,11 @@ def test_systemd_understands_every_line(tmp_path: Path, folder: str) -> None:
         file.symlink_to(sys.executable)
     units = []
     for path, data in files(LOCAL, program).items():
-        if path.name in (*ALL, WEB):
+        if path.name in (*ALL, WEB, ROS):
             unit = tmp_path / path.name.replace("@.", "@press.")
             unit.write_bytes(data)
             units.append(str(unit))
-    assert len(units) == len(ALL) + 1
+    assert len(units) == len(ALL) + 2
     command = ["systemd-analyze", "verify", "--man=no", *units]
     told = subprocess.run(command, capture_output=True, text=True, check=False).stderr
     assert not [line for line in told.splitlines() if "ecatd" in line], told

@@ -23,6 +23,7 @@ PARTS = {
     "interfaces": "network interfaces, lost frames, other masters",
     "recorder": "incidents of the flight recorder",
     "gateway": "requests over Zenoh, addresses, metrics",
+    "ros": "what ROS 2 sees of the bus",
 }
 """The parts, and what their messages are about."""
 

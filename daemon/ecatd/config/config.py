@@ -32,6 +32,7 @@ from .gateway import GatewayConfig, read_gateway
 from .outputs import OutputsConfig, SafeConfig
 from .placed import Placed, one
 from .references import read_interface
+from .ros import RosConfig, read_ros
 from .signals import SignalConfig, read_signals
 from .slave_settings import ExpectedConfig, SlaveConfig, read_slaves
 
@@ -186,6 +187,7 @@ class Config(Placed):
         flight_recorder: The last frames, and incidents.
         eoe: The network interface to slaves with Ethernet over EtherCAT.
         gateway: Access over Zenoh.
+        ros: Joints and health for ROS 2.
     """
 
     bus: Annotated[str, _bus] = "ecat0"
@@ -213,6 +215,7 @@ class Config(Placed):
     )
     eoe: Annotated[EoeConfig, read_eoe] = field(default_factory=EoeConfig)
     gateway: Annotated[GatewayConfig, read_gateway] = field(default_factory=GatewayConfig)
+    ros: Annotated[RosConfig, read_ros] = field(default_factory=RosConfig)
 
     @property
     def state_timeout(self) -> Timeout:

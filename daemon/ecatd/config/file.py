@@ -14,6 +14,7 @@ from ecatd.etg.eoe import parse_mac
 from .clocks import SYNC_MAX_US
 from .config import Config
 from .placed import read
+from .ros import check_router
 
 
 def read_config(
@@ -58,6 +59,7 @@ def _read(top: Table) -> Config:
     check_clocks(top, config)
     check_eoe(top, config)
     check_physical(top, config)
+    check_router(config.ros, config.gateway)
     return config
 
 

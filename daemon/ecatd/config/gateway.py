@@ -15,6 +15,7 @@ from ecatd.operations.catalog import RIGHT_NAMES
 from ecatd.operations.endpoints import ENCRYPTED, LOCAL, PLAIN, PROTOCOLS, Endpoint
 
 from .placed import Placed, each, read
+from .references import position_or_name
 
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 
@@ -75,16 +76,18 @@ def _check_endpoint(table: Table, key: Key) -> None:
             f'"{LOOPBACK}", with one of the protocols {", ".join(PROTOCOLS)}; or '
             f'"{LOCAL}//PATH"',
         )
-    if not _is_port(place.port):
+    if not is_port(place.port):
         port = show(place.port)
         table.fail(key, f"{show(endpoint)}: {port} is not a port: write one from 1 to 65535")
 
 
-def _is_port(text: str) -> bool:
+def is_port(text: str) -> bool:
+    """Whether a text is a port from 1 to 65535."""
     return bool(re.fullmatch("[0-9]{1,5}", text)) and 0 < int(text) < 1 << 16
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Whether a host is this machine, and reached by nobody else."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -100,13 +103,13 @@ def _metrics_address(table: Table, key: Key) -> str:
         _check_socket_path(table, key, text.removeprefix("unix:"))
         return text
     host, _, port = text.rpartition(":")
-    if not _is_port(port):
+    if not is_port(port):
         table.fail(
             key,
             f'{show(text)} is not an address: write "127.0.0.1:9754", or '
             f'"unix:/run/ecatd/ecat0/gateway/metrics"',
         )
-    if not _is_loopback(host.strip("[]")):
+    if not is_loopback(host.strip("[]")):
         table.fail(
             key,
             f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
@@ -131,15 +134,9 @@ def _user_name(table: Table, key: Key) -> str:
     return text
 
 
-def _slave(table: Table, key: Key) -> int | str:
-    if isinstance(table.data.get(key), str):
-        return table.text(key)
-    return table.integer(key, 0, POSITION_MAX)
-
-
 @accepts(f"0 to {POSITION_MAX}, or names")
 def _slaves(table: Table, key: Key) -> list[int | str]:
-    return table.array(key, _slave)
+    return table.array(key, position_or_name)
 
 
 @dataclass(slots=True)
@@ -258,7 +255,7 @@ def _check_readers(table: Table, config: GatewayConfig) -> None:
     elements = table.elements("listen")
     for at, endpoint in enumerate(config.listen):
         protocol, host = Endpoint.of(endpoint).protocol, Endpoint.of(endpoint).host
-        if config.anonymous_reading or (protocol in PLAIN and _is_loopback(host)):
+        if config.anonymous_reading or (protocol in PLAIN and is_loopback(host)):
             continue
         if protocol in PLAIN:
             elements.fail(

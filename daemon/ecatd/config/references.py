@@ -28,6 +28,16 @@ def slave_reference(table: Table, key: Key) -> int:
     return table.integer(key, 0, POSITION_MAX)
 
 
+@accepts(f"0 to {POSITION_MAX} or a name")
+def position_or_name(table: Table, key: Key) -> int | str:
+    """Reads the position of a slave, or a name that the bus may have."""
+    if key not in table:
+        table.fail(key, "is missing: write the position of the slave, or its name")
+    if isinstance(table.data.get(key), str):
+        return table.text(key)
+    return table.integer(key, 0, POSITION_MAX)
+
+
 def known_names(table: Table) -> str:
     """The first names that there are, for messages."""
     names = sorted(table.document.names)

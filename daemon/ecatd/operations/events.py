@@ -449,6 +449,13 @@ KINDS: Mapping[str, Kind] = {
             published=False,
         ),
         Kind(
+            "ros",
+            "error",
+            "The node of ROS 2 is started again",
+            "It has ended or hangs. The bus goes on; ROS 2 saw nothing of it for some seconds.",
+            published=False,
+        ),
+        Kind(
             "incident",
             "info",
             "Somebody has asked for an incident",

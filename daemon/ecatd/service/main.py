@@ -68,10 +68,15 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="run only the gateway of a bus that another ecatd runs with --no-gateway",
     )
+    source.add_argument(
+        "--only-ros",
+        action="store_true",
+        help="run only what ROS 2 sees of a bus: [ros] of the configuration",
+    )
     parser.add_argument(
         "--no-gateway",
         action="store_true",
-        help="run no gateway, because a service of its own runs it",
+        help="run no gateway and nothing for ROS 2, because services of their own run them",
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
@@ -157,12 +162,31 @@ def _become_gateway(options: argparse.Namespace) -> None:
     os.execv(PYTHON[0], (*PYTHON, "ecatd.gateway", bus, "--alone"))
 
 
+def _become_ros(options: argparse.Namespace) -> None:
+    others = {name for name, value in vars(options).items() if value not in (None, False)}
+    if wrong := sorted(others - {"only_ros", "bus", "config"}):
+        option = wrong[0].replace("_", "-")
+        raise UsageError(f"--{option} has no effect with --only-ros: give only --config and --bus")
+    if not options.config:
+        raise UsageError("--only-ros needs the configuration of the bus: add --config FILE")
+    config = load_config(options.config)
+    if not config.ros.connect:
+        raise UsageError(
+            f"{options.config} names no router of ROS 2: add connect to [ros], such as "
+            'connect = "tcp/192.168.1.5:7447"'
+        )
+    bus = check_bus_name(options.bus or config.bus)
+    os.execv(PYTHON[0], (*PYTHON, "ecatd.ros", bus, "--alone", str(options.config)))
+
+
 def _main() -> int:
     options = make_parser().parse_args()
     log = Log("ecatd")
     try:
         if options.only_gateway:
             _become_gateway(options)
+        if options.only_ros:
+            _become_ros(options)
         config, origins = _configuration(options)
         log.set_bus(config.bus)
         log.levels = config.log

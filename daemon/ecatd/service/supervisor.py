@@ -43,10 +43,12 @@ from .processes import Process, fork, module_main, simulate, spawn
 T = TypeVar("T")
 
 SIMULATOR, SERVER, GATEWAY = "the simulator", "the bus server", "the gateway"
-RECORDER = "the flight recorder"
+RECORDER, ROS = "the flight recorder", "the node of ROS 2"
 """Names of the processes, for messages."""
-_MODULES = {GATEWAY: "ecatd.gateway", RECORDER: "ecatd.recorder"}
+_MODULES = {GATEWAY: "ecatd.gateway", RECORDER: "ecatd.recorder", ROS: "ecatd.ros"}
 """The processes that the bus does not need."""
+_OF_ROS = ("bus", "log", "realtime", "gateway", "ros")
+"""The tables of the configuration that the node of ROS 2 gets."""
 _STEP_LEAST_US, _STEP_MOST_US = 1000, 10_000
 """Limits of the simulator; within them it makes one step for each cycle of the bus."""
 _GATEWAY_PAUSE = 1.0
@@ -148,12 +150,19 @@ class Supervisor:
         if self._rig:
             start(SIMULATOR, ("ecatsim", "run", self._rig), lambda: simulate(self._simulation()))
         start(SERVER, ("ecatd.server",), module_main("ecatd.server.__main__"))
-        if self._with_gateway and not self._describe:
-            start(GATEWAY, self._command(GATEWAY), module_main("ecatd.gateway.__main__"))
-        if self._config.flight_recorder.folder and not self._describe:
-            command = self._command(RECORDER)
-            start(RECORDER, command, module_main("ecatd.recorder.__main__"))
+        for name in () if self._describe else self._others():
+            start(name, self._command(name), module_main(f"{_MODULES[name]}.__main__"))
         return processes
+
+    def _others(self) -> list[str]:
+        """The processes of this start that the bus does not need."""
+        config = self._config
+        wanted = {
+            GATEWAY: self._with_gateway,
+            RECORDER: bool(config.flight_recorder.folder),
+            ROS: self._with_gateway and bool(config.ros.connect),
+        }
+        return [name for name, is_wanted in wanted.items() if is_wanted]
 
     def _command(self, name: str) -> tuple[str, ...]:
         """The module and arguments of a process that the bus does not need."""
@@ -250,11 +259,11 @@ class Supervisor:
         # The gateway loads while the bus comes up, and begins when the bus is there.
         gateway = self._child(GATEWAY) if self._with_gateway else None
         begin = await self._ready(server)
-        recorder = self._child(RECORDER) if self._config.flight_recorder.folder else None
-        if recorder is not None:
-            recorder.give({"parent": os.getpid()})
+        others = [self._child(name) for name in self._others() if name != GATEWAY]
+        for child in others:
+            child.give(self._settings_of(child.name))
         if gateway is not None:
-            gateway.give({"parent": os.getpid()})
+            gateway.give(self._settings_of(GATEWAY))
             while not await self._gets_ready(gateway):
                 gateway = await self._replace(gateway)
         # Not earlier: a program that reads that the bus is in OP may ask the gateway about it.
@@ -262,7 +271,15 @@ class Supervisor:
         self._failed_starts.forget()
         self._log.info(begin, "in_op")
         notify("READY=1", f"STATUS={begin}")
-        await self._watch(fatal, [item for item in (gateway, recorder) if item], begin)
+        await self._watch(fatal, [*([gateway] if gateway else ()), *others], begin)
+
+    def _settings_of(self, name: str) -> dict[str, Any]:
+        """What a process that the bus does not need is given; most ask the bus server."""
+        settings: dict[str, Any] = {"parent": os.getpid()}
+        if name == ROS:
+            given = self._config.to_dict()
+            settings["config"] = {key: given[key] for key in _OF_ROS if key in given}
+        return settings
 
     def _child(self, name: str) -> Child:
         return next(child for child in self._children if child.name == name)
@@ -426,7 +443,7 @@ class Supervisor:
                 child = await Child.of(name, process)
                 self._children.append(child)
                 self._log.debug(f"{child} has been started")
-                child.give({"parent": os.getpid()})
+                child.give(self._settings_of(name))
                 return child
 
     async def _kill(self, child: Child) -> None:
@@ -501,8 +518,10 @@ def _tell_of(name: str, text: str, tell: Callable[[str, str], None]) -> None:
     """Writes to the log about a process that the bus does not need."""
     if name == GATEWAY:
         tell(text, "gateway")
-    else:
+    elif name == RECORDER:
         tell(text, "recorder")
+    else:
+        tell(text, "ros")
 
 
 async def _until_hung(child: Child) -> None:

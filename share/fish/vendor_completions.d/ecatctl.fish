@@ -548,7 +548,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l connect -x -d 'ask a 
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 0' -ka "service start slaves recovery mailbox outputs dc interfaces recorder gateway all" -d 'one of the parts below, or all'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 0' -ka "service start slaves recovery mailbox outputs dc interfaces recorder gateway ros all" -d 'one of the parts below, or all'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 1' -ka "error warning info debug" -d 'error, warning, info, debug'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a startup -d 'Compare start-up parameters with the slaves, or capture them.'
 complete -c ecatctl -n '_shtab_ecatctl_using startup' -s h -l help -d 'show this help message and exit'

@@ -52,6 +52,7 @@ _FILES = {
     "systemd/ecatd-gateway.service": "units/",
     "systemd/ecatd-gateway@.service": "units/",
     "systemd/ecatd-web.service": "units/",
+    "systemd/ecatd-ros@.service": "units/",
     "systemd/10-ecatd.network": "network/",
     "systemd/85-ecatd.rules": "rules/",
     "systemd/ecatd.catalog": "catalog/",
@@ -66,7 +67,7 @@ name in a place that ends with a slash."""
 _BIN = "/usr/local/bin"
 """The folder of the programs in the units of the repository."""
 _OF_BUSES = re.compile(r"ecatd(@.+)?\.service")
-_STARTED = re.compile(r"ecatd(@.+|-web)?\.service")
+_STARTED = re.compile(r"ecatd(-web|(-ros)?@.+)?\.service")
 
 
 @dataclass(frozen=True, slots=True)

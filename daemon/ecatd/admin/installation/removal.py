@@ -28,8 +28,8 @@ from .places import (
 )
 from .service import refuse_package, tell_system
 
-_USERS = ("ecatd", "ecatd-gateway", "ecatd-web")
-_GROUPS = ("ecat", "ecatd-gateway", "ecatd-web")
+_USERS = ("ecatd", "ecatd-gateway", "ecatd-web", "ecatd-ros")
+_GROUPS = ("ecat", "ecatd-gateway", "ecatd-web", "ecatd-ros")
 _LEFT = {
     SOCKETS.with_name(DOCTOR_CHANGES): (
         "what `ecatctl doctor --fix` has changed, until the machine starts again"
@@ -40,7 +40,7 @@ _LEFT = {
     WEB_OPTIONS: "your options of ecatd-web",
 }
 """What only a purge removes, besides changes of the units."""
-_OF_UNITS = re.compile(r"ecatd(-gateway|-web)?(@[^/]*)?\.service(\.d)?")
+_OF_UNITS = re.compile(r"ecatd(-gateway|-web|-ros)?(@[^/]*)?\.service(\.d)?")
 """The names of the units of ecatd, and of the folders with changes of them."""
 _NAMES_MAX = 5
 """Most files of a folder in one line."""
@@ -61,7 +61,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
         raise StateError("no service is installed, so there is nothing to remove")
     if place.is_running:
         stop = "the drives are stopped, and the slaves go to INIT"
-        units = ("ecatd-web.service", "ecatd.service", "ecatd@*.service")
+        units = ("ecatd-web.service", "ecatd-ros@*.service", "ecatd.service", "ecatd@*.service")
         yield run("systemctl", "stop", *units, why=stop, may_fail=True)
     for link in place.autostart_links():
         why = f"{link.name} no longer starts with the machine"

@@ -180,7 +180,7 @@ def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
         yield Action("skip", "commands of the system", f"{place.root} is not the running system")
         return
     if users and shutil.which("systemd-sysusers"):
-        yield run("systemd-sysusers", why="users and groups ecatd, ecatd-gateway, ecatd-web, ecat")
+        yield run("systemd-sysusers", why="users and groups ecat, ecatd and ecatd-…")
     elif users:
         why = (
             "it is not installed: make the users and groups of /etc/sysusers.d/ecatd.conf yourself"
