@@ -53,7 +53,8 @@ int ecat_can(ecat_t *bus, int channel, ecat_can_info *info) {
   info->identifier_bits = from->identifier_bits;
   info->receive_queue = from->receive_queue;
   info->send_queue = from->send_queue;
-  info->state = (int)__atomic_load_n(&from->state, __ATOMIC_RELAXED);
+  /* What a daemon that has ended has left behind is no state. */
+  info->state = ecat_memory_age(bus) != 0 ? ECAT_CAN_STOPPED : (int)__atomic_load_n(&from->state, __ATOMIC_RELAXED);
   info->send_errors = __atomic_load_n(&from->send_errors, __ATOMIC_RELAXED);
   info->receive_errors = __atomic_load_n(&from->receive_errors, __ATOMIC_RELAXED);
   info->reserved = __atomic_load_n(&from->reserved, __ATOMIC_RELAXED);

@@ -552,7 +552,8 @@ static int hand_over(ecat_session_message *frame) {
   }
   if (!(session->can_claimed >> frame->slave->can & 1)) {
     code = claim(frame);
-    if (code == ECAT_ELEASE) return 0; /* the next sample tries again */
+    /* The next sample tries again, or finds out that the daemon has ended. */
+    if (code == ECAT_ELEASE || code == ECAT_EDOWN) return 0;
   }
   if (code == 0) code = put(frame);
   return code != 0 ? session_not_written(session, code) : 0;

@@ -694,6 +694,18 @@ def test_ecatctl_sends_and_shows_frames_as_candump_does(daemon: Daemon) -> None:
     assert set(lines) <= known
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ecatctl_that_sends_again_and_again_ends_in_order(daemon: Daemon, number: int) -> None:
+    with channel(daemon, LEFT) as watcher:
+        before = watcher.can.info.safe
+        command = [sys.executable, "-m", "ecatd.cli", "can", "send", "left", "321#01"]
+        process = subprocess.Popen([*command, "--every", "0.01"], env=daemon.env)
+        watcher.take(lambda seen: len([f for f in seen if f.identifier == 0x321]) > 3)
+        process.send_signal(number)
+        assert process.wait(PATIENCE) == 0
+        assert (watcher.can.info.safe, watcher.can.info.safe_active) == (before, 0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

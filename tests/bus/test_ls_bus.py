@@ -189,12 +189,13 @@ def test_what_no_terminal_can_is_refused_in_words(bus: Importer) -> None:
     ecu, other = bus.ecus
     ecu.send(
         baud_rate(250_000),
+        baud_rate(0),
         arbitration(DISCARD_AND_NOTIFY),
         operation(CONFIGURATION, b"\2" + struct.pack("<I", 2_000_000)),
         operation(WAKEUP),
     )
-    bus.until(lambda: len(ecu.codes(FORMAT_ERROR)) == 3 and other.codes(WAKEUP))
-    assert [item[2:][8] for item in ecu.codes(FORMAT_ERROR)] == [1, ARBITRATION, 2]
+    bus.until(lambda: len(ecu.codes(FORMAT_ERROR)) == 4 and other.codes(WAKEUP))
+    assert [item[2:][8] for item in ecu.codes(FORMAT_ERROR)] == [1, 1, ARBITRATION, 2]
     assert not ecu.codes(WAKEUP)
     said = "\n".join(bus.warnings())
     names(said, "250000 bit/s", "1000000 bit/s", "arbitration", "CAN FD", "Wakeup")

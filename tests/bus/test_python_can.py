@@ -1,5 +1,6 @@
 """The plug-in for python-can: what its own tests (`test_python_can_own.py`) do not have."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import can
 import pytest
 from test_can import CONFIG, LEFT, RIG, RIGHT
 
-from conftest import PATIENCE, Daemon
+from conftest import PATIENCE, Daemon, names, wait_for
 
 pytestmark = pytest.mark.bus
 
@@ -44,6 +45,33 @@ def test_an_error_frame_is_not_sent(start_daemon: Callable[..., Daemon], rig: st
         left.send(can.Message(arbitration_id=0x104, is_error_frame=True, dlc=8, data=bytes(8)))
         left.send(frame(0x100))
         assert receive(right) == 0x100
+
+
+def test_the_state_is_not_that_of_a_daemon_that_has_ended(
+    start_daemon: Callable[..., Daemon], rig: str
+) -> None:
+    """Also for a program that only looks, and the first look after the restart."""
+    daemon = start_daemon(rig, config=CONFIG)
+    with opened(daemon, LEFT) as bus:
+        wait_for(lambda: bus.state == can.BusState.ACTIVE, daemon)
+        daemon.kill_all()
+        end = time.monotonic() + PATIENCE
+        while bus.state != can.BusState.ERROR:
+            assert time.monotonic() < end
+        again = start_daemon(rig, "--bus", daemon.bus, config=CONFIG)
+        wait_for(lambda: bus.state == can.BusState.ACTIVE, again)
+
+
+def test_wrong_arguments_are_refused_when_the_bus_is_opened(
+    start_daemon: Callable[..., Daemon], rig: str
+) -> None:
+    daemon = start_daemon(rig, config=CONFIG)
+    for lease in (-1, "x"):
+        with pytest.raises(can.CanInitializationError, match="lease"):
+            can.Bus(interface="ecatd", channel=f"{daemon.bus}/{LEFT}", lease=lease)
+    with pytest.raises(can.CanInitializationError) as error:
+        can.Bus(interface="ecatd", channel=daemon.bus)
+    names(error.value, daemon.bus, "ecat0/6")
 
 
 def test_buses_go_on_after_a_restart(start_daemon: Callable[..., Daemon], rig: str) -> None:

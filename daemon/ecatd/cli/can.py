@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import BusyError, NoAnswerError, UnreachableError, UsageError
@@ -29,6 +29,8 @@ _FRAME = re.compile(r"([0-9A-Fa-f]{1,8})#(?:[Rr]([0-8]?)|([0-9A-Fa-f._ ]*))")
 _FILTER = re.compile(r"([0-9A-Fa-f]{1,8})(?:-([0-9A-Fa-f]{1,8}))?")
 _WAIT = 5.0
 """Seconds that `can send` waits until its frames were sent."""
+_LOOK = 0.1
+"""Seconds after which it looks whether it shall end."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -228,20 +230,29 @@ def _send(options: argparse.Namespace, channel: CanChannel, words: list[str]) ->
     if not frames:
         raise UsageError("no frame to send: write one such as 605#4000100000000000")
     channel.claim()
-    while True:
-        for frame in frames:
-            _put(channel, frame)
-        channel.flush(_WAIT)
-        info = channel.info
-        if info.own_refused or info.own_unsent:
-            raise NoAnswerError(
-                f"{info.own_refused} frames were refused, and {info.own_unsent} were lost by the "
-                "terminal: `ecatctl can stats` and `ecatctl events` say why"
-            )
-        if options.every is None:
-            channel.release()
-            return
-        time.sleep(options.every)
+    with noted_signals() as is_over:  # the end of the command is no crash of a sender
+        while True:
+            for frame in frames:
+                _put(channel, frame)
+            channel.flush(_WAIT)
+            info = channel.info
+            if info.own_refused or info.own_unsent:
+                raise NoAnswerError(
+                    f"{info.own_refused} frames were refused, and {info.own_unsent} were lost by "
+                    "the terminal: `ecatctl can stats` and `ecatctl events` say why"
+                )
+            if options.every is None or is_over():
+                break
+            _sleep(options.every, is_over)
+            if is_over():
+                break
+        channel.release()
+
+
+def _sleep(seconds: float, is_over: Callable[[], bool]) -> None:
+    end = time.monotonic() + seconds
+    while not is_over() and (left := end - time.monotonic()) > 0:
+        time.sleep(min(left, _LOOK))
 
 
 def _put(channel: CanChannel, frame: CanFrame) -> None:

@@ -29,6 +29,7 @@ from ecatd.base.timeouts import Timeout
 from ecatd.shm.contract import CanKind, CanState
 from ecatd.shm.files import buses
 
+from .arguments import refuse, seconds
 from .can import CanChannel, CanFrame, Range, frame, wall_clock
 from .can_errors import error_frame
 from .client import Client
@@ -94,7 +95,13 @@ class EcatdBus(BusABC):
         name = str(channel)
         bus, _, slave = name.rpartition("/")
         self._receive_own = receive_own_messages
-        self._reserve, self._lease = tuple(reserve), lease
+        self._reserve = tuple(reserve)
+        try:
+            self._lease = seconds("lease", lease)
+            if self._lease < 0:
+                raise refuse("lease", "a number of seconds, or 0", lease)
+        except EcatError as error:
+            raise CanInitializationError(str(error)) from error
         self._news: deque[CanFrame] = deque()
         self._claimed = False
         self._sending, self._receiving = threading.Lock(), threading.Lock()
@@ -116,7 +123,8 @@ class EcatdBus(BusABC):
             if self._reserve:
                 self._claim()
         except EcatError as error:
-            raise CanInitializationError(str(error)) from error
+            hint = "" if bus else f": channel '{name}' has no bus, as in 'ecat0/6'"
+            raise CanInitializationError(f"{error}{hint}") from error
         self.channel_info = f"ecatd: slave {self._in.info.slave} of bus {self._reader.name}"
         self._channel = name
         self._can_protocol = CanProtocol.CAN_20

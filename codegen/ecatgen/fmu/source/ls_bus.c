@@ -480,13 +480,17 @@ static void queue(plant *p, ls_ecu *e, const ls_operation *o) {
 }
 
 static void configure(plant *p, ls_ecu *e, const ls_operation *o) {
-  if (o->kind == LS_BAUD_RATE) e->bit_rate = o->value;
-  if (o->kind == LS_BAUD_RATE && check_bit_rate(p, e)) return;
+  if (o->kind == LS_BAUD_RATE && o->value != 0) {
+    e->bit_rate = o->value;
+    if (check_bit_rate(p, e)) return;
+  }
   if (o->kind == LS_ARBITRATION && o->value == LS_BUFFER_AND_RETRANSMIT) return;
   refuse(p, e, o->bytes, o->length);
   if (o->kind == LS_ARBITRATION && first_time(e, TOLD_ARBITRATION))
     plant_say(p, PLANT_WARNING, "Ecu%u: it wants to be told when a frame loses arbitration, but no terminal tells it: "
               "frames are sent again until they win, as with BUFFER_AND_RETRANSMIT", e->number + 1);
+  if (o->kind == LS_BAUD_RATE && o->value == 0 && first_time(e, TOLD_BAUD_RATE))
+    plant_say(p, PLANT_WARNING, "Ecu%u: it configures a bit rate of 0, which no CAN bus has: set the ECU", e->number + 1);
   if ((o->kind == LS_BAUD_RATE_FD || o->kind == LS_BAUD_RATE_XL) && first_time(e, TOLD_WRONG))
     plant_say(p, PLANT_WARNING, "Ecu%u: it configures CAN FD or CAN XL, which the terminal does not have", e->number + 1);
 }
