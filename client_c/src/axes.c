@@ -113,9 +113,10 @@ static void publish(ecat_axes *axes, int code) {
     axes->state[i].view = axes->axis[i].drive.view;
     axes->state[i].order = axes->axis[i].drive.order;
     axes->state[i].code = code;
-    axes->state[i].cycle++;
+    axes->state[i].cycle = ecat_cycle(axes->bus);
   }
   if (code < 0) snprintf(axes->error, sizeof axes->error, "%s", ecat_error(axes->bus));
+  axes->published++;
   pthread_cond_broadcast(&axes->moved);
   pthread_mutex_unlock(&axes->lock);
 }
@@ -203,9 +204,9 @@ int ecat_axes_wait(ecat_axes *axes, double timeout) {
   until.tv_sec = (time_t)(end / 1000000000u);
   until.tv_nsec = (long)(end % 1000000000u);
   pthread_mutex_lock(&axes->lock);
-  while (code == 0 && axes->state[0].cycle == axes->seen)
+  while (code == 0 && axes->published == axes->seen)
     code = pthread_cond_timedwait(&axes->moved, &axes->lock, &until);
-  axes->seen = axes->state[0].cycle;
+  axes->seen = axes->published;
   pthread_mutex_unlock(&axes->lock);
   return code == 0 ? 0 : ECAT_ETIMEOUT;
 }

@@ -22,7 +22,8 @@ struct ecat_axes {
   /* Behind the lock: */
   int end;
   ecat_drive_request wanted[AXES_MAX];
-  uint64_t asked, seen;            /* number of the last request; cycle that was waited for */
+  uint64_t asked;                  /* number of the last request */
+  uint64_t published, seen;        /* exchanges, and those that were waited for */
   ecat_axis_state state[AXES_MAX];
   char error[512];
 };

@@ -17,13 +17,13 @@ static void check(int code) {
   exit(1);
 }
 
-static void print_until_reached(double *time) {
+static void print_until_reached(uint64_t begin) {
   while (1) {
     ecat_axis_state x, y;
     int code = ecat_axes_poll(axes, ECAT_AXES_ALL, ECAT_AXES_REACHED);
     ecat_axes_state(axes, 0, &x);
     ecat_axes_state(axes, 1, &y);
-    printf("%.3f,%.6f,%.6f\n", *time += 0.001, x.view.position, y.view.position);
+    printf("%.3f,%.6f,%.6f\n", (double)(x.cycle - begin) * 0.001, x.view.position, y.view.position);
     if (code != ECAT_EBUSY) {
       check(code);
       return;
@@ -34,7 +34,7 @@ static void print_until_reached(double *time) {
 
 int main(int argc, char **argv) {
   const double out[] = {0.05, 2.0}, back[] = {0.0, 0.0}, speeds[] = {0.1, 2.0}, accelerations[] = {0.5, 8.0};
-  double time = 0;
+  ecat_axis_state begin;
   check(ecat_axes_open(&axes, argc > 1 ? argv[1] : "ecat0"));
   check(ecat_axes_add(axes, "x", 1));
   check(ecat_axes_add(axes, "y", 1));
@@ -42,10 +42,11 @@ int main(int argc, char **argv) {
   check(ecat_axes_enable(axes, ECAT_AXES_ALL, 5));
   check(ecat_axes_home(axes, ECAT_AXES_ALL, 60));
   check(ecat_axes_move(axes, ECAT_AXES_ALL, back, NULL, NULL, 60));
+  check(ecat_axes_state(axes, 0, &begin));
   check(ecat_axes_move(axes, ECAT_AXES_ALL, out, speeds, accelerations, 0));
-  print_until_reached(&time);
+  print_until_reached(begin.cycle);
   check(ecat_axes_move(axes, ECAT_AXES_ALL, back, speeds, accelerations, 0));
-  print_until_reached(&time);
+  print_until_reached(begin.cycle);
   check(ecat_axes_stop(axes, ECAT_AXES_ALL, 5));
   ecat_axes_close(axes);
   return 0;

@@ -8,11 +8,12 @@
 
 namespace {
 
-void move(ecat::Axes& axes, const std::vector<double>& positions, double& time) {
+void move(ecat::Axes& axes, const std::vector<double>& positions, std::uint64_t begin) {
   axes.move(positions, {0.1, 2.0}, {0.5, 8.0}, ecat::Seconds(0));
   while (!axes.reached()) {
     axes.wait();
-    std::printf("%.3f,%.6f,%.6f\n", time += 0.001, axes.position(0), axes.position(1));
+    const double time = static_cast<double>(axes.state(0).cycle - begin) * 0.001;
+    std::printf("%.3f,%.6f,%.6f\n", time, axes.position(0), axes.position(1));
   }
 }
 
@@ -25,9 +26,9 @@ int main(int argc, char** argv) {
     axes.enable();
     axes.home();
     axes.move({0.0, 0.0});
-    double time = 0;
-    move(axes, {0.05, 2.0}, time);
-    move(axes, {0.0, 0.0}, time);
+    const std::uint64_t begin = axes.state(0).cycle;
+    move(axes, {0.05, 2.0}, begin);
+    move(axes, {0.0, 0.0}, begin);
     axes.stop();
   } catch (const ecat::Error& error) {
     std::cerr << error.what() << '\n';

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -379,6 +379,9 @@ class Drives:
     def __getitem__(self, number: int) -> Drive:
         return self.axes[number]
 
+    def __iter__(self) -> Iterator[Drive]:
+        return iter(self.axes)
+
     def __len__(self) -> int:
         return len(self.axes)
 
@@ -533,6 +536,26 @@ class Drives:
     def wait_reached(self, axes: Sequence[Drive] | None = None, timeout: float = 60.0) -> None:
         """See `Drive.wait_reached`."""
         self._await(self._chosen(axes), _Goal.REACHED, timeout)
+
+    def reached(self, axes: Sequence[Drive] | None = None) -> bool:
+        """Whether they have reached their targets, without waiting.
+
+        Raises:
+            DriveError: One of them has stopped.
+        """
+        which = sum(1 << axis._number for axis in self._chosen(axes))
+        code = QUICK.ecat_axes_poll(self._open, which, _Goal.REACHED)
+        return code != Errno.EBUSY and self._check(code) == 0
+
+    @property
+    def cycle(self) -> int:
+        """Number of the bus cycle of the last exchange."""
+        return int(self.state(0).cycle)
+
+    @property
+    def cycle_time(self) -> float:
+        """Seconds of a bus cycle."""
+        return self._bus.cycle_time
 
     def wait(self, timeout: float = _CYCLE_PATIENCE) -> None:
         """Waits for the next cycle, for programs that look at each.
