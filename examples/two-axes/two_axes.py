@@ -27,6 +27,7 @@ def move(axes: Drives, positions: tuple[float, float], time: float) -> float:
 
 
 def main(bus: str) -> None:
+    """The whole movement."""
     with Client(bus) as client, client.drives("x", "y") as axes:
         axes.enable()
         axes.home()

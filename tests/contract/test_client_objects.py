@@ -253,7 +253,7 @@ def test_a_wait_that_is_interrupted_beyond_its_end(bus: Bus, memory: SharedMemor
 
 def test_every_code_has_an_exception() -> None:
     told_otherwise = {Errno.OK, Errno.EABORT, Errno.EBUSY, Errno.ESYS}
-    assert set(connection._ERRORS) == set(Errno) - told_otherwise
+    assert set(connection.ERRORS) == set(Errno) - told_otherwise
 
 
 def test_importing_the_package_loads_nothing() -> None:

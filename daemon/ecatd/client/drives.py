@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from ecatd.base.errors import (
     EcatError,
@@ -32,7 +32,7 @@ from .connection import ERRORS, text_of
 from .structs import QUICK, WAITING
 
 if TYPE_CHECKING:
-    from .client import Client
+    from .requests import Request
 
 V = TypeVar("V")
 
@@ -41,6 +41,24 @@ _LEASE = 0.2
 """Seconds without an exchange after which the axes stop as their safe outputs say."""
 _CYCLE_PATIENCE = 1.0
 _WATCH = 0.1
+
+
+class Bus(Protocol):
+    """What axes need of a client besides."""
+
+    @property
+    def name(self) -> str:
+        """Name of the bus."""
+
+    @property
+    def cycle_time(self) -> float:
+        """Base cycle in seconds."""
+
+    def sdo_upload(self, slave: int, index: int, subindex: int = 0) -> Request:
+        """Starts to read an object."""
+
+    def sdo_download(self, slave: int, index: int, subindex: int, data: bytes) -> Request:
+        """Starts to write an object."""
 
 
 class DriveState(IntEnum):
@@ -356,7 +374,7 @@ class Drives:
 
     def __init__(
         self,
-        bus: Client,
+        bus: Bus,
         names: Iterable[str | int],
         *,
         lease: float = _LEASE,
@@ -610,7 +628,8 @@ class Drives:
         end = time.monotonic() + timeout
         while WAITING.ecat_axes_wait(self._open, min(_WATCH, timeout)) != 0:
             if time.monotonic() > end:
-                raise UnreachableError(text_of(QUICK.ecat_axes_error(self._open)))
+                said = text_of(QUICK.ecat_axes_error(self._open))
+                raise UnreachableError(f"{said}; there was no cycle for {Timeout(timeout)}")
 
     def _look(self) -> None:
         """Raises what the last exchange has failed with."""
