@@ -1,9 +1,9 @@
 """Foreign packages are used in few places. Our own imports: `test_layers.py`."""
 
-import re
 import ast
 import functools
 import graphlib
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
