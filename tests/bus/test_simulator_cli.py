@@ -116,6 +116,7 @@ def test_help_version_and_rigs():
     assert [line.split()[0] for line in listed.stdout.splitlines()] == [
         "troll",
         "troll-can",
+        "two-axes",
         "line:N",
         "terminals:N",
         "branches",

@@ -41,16 +41,20 @@ class Axes:
         for name, value in values.items():
             self.signal(axis, names[name]).value = value
 
+    def step(self) -> None:
+        self.client.wait(1, timeout=30)
+        self.client.sample()
+        self.client.commit()
+
     def until(self, condition: Callable[[], bool]) -> None:
         for _ in range(20_000):
-            self.client.wait(1, timeout=30)
-            self.client.sample()
-            self.client.commit()
+            self.step()
             if condition():
                 return
         pytest.fail(", ".join(f"{axis}: status 0x{self.bits(axis):04X}" for axis in AXES))
 
     def enable(self, mode: int) -> None:
+        self.step()
         for axis in AXES:
             self.put(axis, mode=mode, position=self.get(axis, POSITION), speed=0, torque=0)
         for word, state in ((6, 0x21), (7, 0x23), (15, 0x27)):
@@ -63,6 +67,7 @@ class Axes:
         for axis in AXES:
             self.put(axis, word=0)
         self.until(lambda: all(self.bits(axis) & 0x4F == 0x40 for axis in AXES))
+        self.until(lambda: not any(self.get(axis, SPEED) for axis in AXES))
 
 
 @pytest.fixture(scope="module")

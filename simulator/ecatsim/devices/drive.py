@@ -71,6 +71,9 @@ class Drive(Device):
     Args:
         motor: The motor.
         switches: Its limit and home switches.
+
+    Attributes:
+        options: How it differs from the standard, of the class.
     """
 
     device_type = 0x00020192
@@ -81,6 +84,7 @@ class Drive(Device):
         self.axis = Axis(self.motor, switches or Switches())
         super().__init__()
         self._encoder_broken = False
+        self._internal = [pair for pair in _INTERNAL.items() if pair[0] in self.dictionary]
         rpm = self.axis.encoder / 60
         self._speed_unit = rpm if self.options.speeds_in_rpm else 1.0  # in counts/s
         self._values: Values = _InCounts(self, rpm) if self.options.speeds_in_rpm else self
@@ -280,9 +284,8 @@ class Drive(Device):
         self[0x6074, 0] = _held(demand if control is Control.CURRENT else 0, 16)
         self[0x60F4, 0] = _held(self._lag, 32)
         self[0x60FD, 0] = axis.inputs
-        for index, same in _INTERNAL.items():
-            if index in self.dictionary:
-                self[index, 0] = self[same, 0]
+        for index, same in self._internal:
+            self[index, 0] = self[same, 0]
         self._probes.step()
         status = self.power.status | _REMOTE
         if self.power.state == PowerState.OPERATION_ENABLED:
