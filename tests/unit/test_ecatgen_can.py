@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
 import tempfile
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cantools.database.can import Database
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymoca.parser import parse
@@ -21,6 +23,7 @@ from can_messages import DBC
 from conftest import names
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.description.bus import Bus
+from ecatd.etg.datatypes import is_real
 from ecatd.etg.pdo import Entry, Value
 from ecatdev import sample_buses
 from ecatdev.checks import check_conventions, check_structure, check_syntax, check_translation
@@ -171,6 +174,264 @@ def test_a_multiplexed_multiplexer(read: Callable[..., can.CanFile]) -> None:
     names(other, "signal X", "Page", "single range")
 
 
+PAGE = 'Page M : 0|8@1+ (1,0) [0|0] "" B'
+
+
+def mux(*heads: str) -> list[str]:
+    """Signals of 8 bits, one byte behind the other."""
+    return [f'{head} : {8 * n}|8@1+ (1,0) [0|0] "" B' for n, head in enumerate(heads)]
+
+
+@pytest.mark.parametrize(
+    ("heads", "more", "gone"),
+    [
+        (["P M", "Q M", "X m0", "Y m1"], "", ["X", "Y"]),
+        (["P M", "Q m1M", "X m0"], "", ["Q", "X"]),
+        (["P M", "Q m1M", "X m0"], "SG_MUL_VAL_ 1 Q P 1-1;\n", ["X"]),
+        (["P M", "X m0", "Broken M : 9"], "", ["Broken", "X"]),
+    ],
+)
+def test_multiplexed_signals_without_a_known_multiplexer_are_left_out(
+    read: Callable[..., can.CanFile], heads: Sequence[str], more: str, gone: Sequence[str]
+) -> None:
+    file = read(dbc(*mux(*heads), more=more))
+    assert len(file.left_out) == len(gone)
+    for sentence, signal in zip(file.left_out, gone, strict=True):
+        names(sentence, "Msg", signal)
+        assert "Broken" in sentence or "nothing says by which signal" in sentence
+    kept = [signal for message in file.messages for signal in message.signals]
+    assert not any(s.entry.name in gone for s in kept)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("SG_MUL_VAL_ 1 X Nope 1-1;", ["depends on Nope", "no multiplexer"]),
+        ("SG_MUL_VAL_ 1 X Page 300-301;", ["Page = 300", "8 bits"]),
+        ("SG_MUL_VAL_ 1 Page Page 1-1;", ["signal Page", "SG_MUL_VAL_", "no mark"]),
+        ("SG_MUL_VAL_ 1 X Page 3-1;", ["no single range"]),
+        ("SG_MUL_VAL_ 1 X Page 1-1; SG_MUL_VAL_ 1 X Other 1-1;", ["several multiplexers"]),
+        ("SG_MUL_VAL_ 1 Z Page 1-1;", ["line 8", "signal Z", "not there"]),
+        ("SG_MUL_VAL_ 1 X Page one;", ["line 8", "SG_MUL_VAL_ 1 X Page one"]),
+    ],
+)
+def test_a_multiplexer_that_cannot_be(
+    read: Callable[..., can.CanFile], more: str, words: Sequence[str]
+) -> None:
+    file = read(
+        dbc(
+            PAGE,
+            'Plain : 8|8@1+ (1,0) [0|0] "" B',
+            *mux("_ M", "_ M", "X m1")[2:],
+            more=f"\n{more}\n",
+        )
+    )
+    names(file.left_out[0], *words)
+
+
+def test_values_of_a_multiplexer_may_be_many(read: Callable[..., can.CanFile]) -> None:
+    text = dbc(
+        'Page M : 0|24@1+ (1,0) [0|0] "" B',
+        'X m0 : 32|8@1+ (1,0) [0|0] "" B',
+        'Y m0 : 40|8@1+ (1,0) [0|0] "" B',
+        more="SG_MUL_VAL_ 1 X Page 0-16777215;\nSG_MUL_VAL_ 1 Y Page 5-4294967295, 2-4;\n",
+    )
+    file = read(text)
+    assert not file.left_out
+    _, one, other = file.messages[0].signals
+    assert one.selector == can.Selector(0, 24, False, 0, (1 << 24) - 1)
+    assert other.selector == can.Selector(0, 24, False, 2, (1 << 24) - 1)
+
+
+def test_signals_of_a_multiplexer_that_is_left_out(read: Callable[..., can.CanFile]) -> None:
+    file = read(
+        dbc(
+            'Page M : 20|4@1+ (1,0) [0|0] "" B',
+            'X m0 : 0|8@1+ (1,0) [0|0] "" B',
+            'Plain : 8|8@1+ (1,0) [0|0] "" B',
+            length=2,
+        )
+    )
+    one, other = file.left_out
+    names(one, "signal Page", "2 bytes")
+    names(other, "signal X", "depends on Page", "left out")
+    assert [signal.entry.name for signal in file.messages[0].signals] == ["Plain"]
+
+
+def test_a_signed_bit_is_a_boolean(read: Callable[..., can.CanFile], bus: Bus) -> None:
+    file = read(
+        dbc(
+            'Bit : 0|1@1- (1,0) [-1|0] "" B',
+            'Scaled : 1|1@1- (2,0) [0|0] "" B',
+            more='VAL_ 1 Bit -1 "on" 0 "off" ;\n',
+        ),
+        "A",
+    )
+    bit, _ = file.messages[0].signals
+    found = connectors(block(bus, file), sent=True)
+    assert (found["msgBit"].kind, found["msgBit"].type_name) == ("Boolean", "unsigned")
+    assert (bit.entry.minimum, bit.entry.maximum) == (None, None)
+    assert {value.number: value.name for value in bit.entry.values} == {0: "off", 1: "on"}
+    assert (found["msgScaled"].kind, found["msgScaled"].type_name) == ("Real", "signed")
+    assert not file.left_out
+
+
+def test_infinite_limits_are_none(read: Callable[..., can.CanFile], bus: Bus) -> None:
+    file = read(
+        dbc(
+            'S : 0|16@1- (1,0) [0|1e999] "" B',
+            'T : 16|16@1- (1e-320,0) [-1e999|1e999] "V" B',
+            'U : 32|16@1- (1,0) [1e999|1e999] "" B',
+        )
+    )
+    assert [(s.entry.minimum, s.entry.maximum) for s in file.messages[0].signals] == [
+        *((0, None), (None, None), (None, None)),
+    ]
+    (sentence,) = file.left_out
+    names(sentence, "signal U", "leave no value")
+    assert connectors(block(bus, file), sent=False)["msgS"].description.endswith("from 0")
+    assert render(build_library(bus, "Plant", [file]))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('S : 4000000000|16@1- (1,0) [0|0] "" B', ["start bit 4000000000"]),
+        ('S : 400000000|8@0- (1,0) [0|0] "" B', ["start bit 400000000"]),
+        ('S : 0|4000000000@1- (1,0) [0|0] "" B', ["4000000000 bits"]),
+        ('S : 0|0@1- (1,0) [0|0] "" B', ["0 bits"]),
+        ('S : 0|8@1- (1e999,0) [0|0] "" B', ["factor inf"]),
+        (f'S : {"9" * 5000}|8@1- (1,0) [0|0] "" B', ["line 5", "(message Msg)"]),
+        ('S : 0|8@1- (1..2,0) [0|0] "" B', ["line 5", "S : 0|8@1- (1..2,0)"]),
+        ("S : 0|8", ["line 5", "SG_ S : 0|8"]),
+    ],
+)
+def test_a_bad_signal_takes_no_other_with_it(
+    read: Callable[..., can.CanFile], line: str, words: Sequence[str]
+) -> None:
+    file = read(dbc('Good : 8|8@1+ (1,0) [0|0] "" B', line))
+    (sentence,) = file.left_out
+    names(sentence, *words)
+    assert [signal.entry.name for signal in file.messages[0].signals] == ["Good"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ('BO_ 4000 Wide: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" B\n', ["Wide", "0x7FF"]),
+        ('BO_ x Odd: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" B\n', ["line 5", "BO_ x Odd"]),
+        ('VAL_ 1 Nope 0 "zero" ;\n', ["line 5", "VAL_", "signal Nope"]),
+        ("SIG_VALTYPE_ 1 Nope : 1;\n", ["line 5", "SIG_VALTYPE_", "signal Nope"]),
+        ("SIG_VALTYPE_ 1 S : 1;\n", ["signal S", "type 1", "16 bits"]),
+        ("SIG_VALTYPE_ 1 S : 7;\n", ["signal S", "type 7"]),
+        ('VAL_ 1 S 0 "zero\n', ["line 5", "VAL_ 1 S 0"]),
+        ('BO_ 1 Again: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" B\n', ["Again", "Msg", "same"]),
+        (
+            'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","StandardCAN_FD";\n'
+            'BO_ 2 Fd: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" B\nBA_ "VFrameFormat" BO_ 2 1;\n',
+            ["Fd (0x002)", "CAN FD"],
+        ),
+    ],
+)
+def test_a_bad_statement_takes_no_other_with_it(
+    read: Callable[..., can.CanFile], more: str, words: Sequence[str]
+) -> None:
+    good = ('Good : 32|8@1+ (1,0) [0|0] "" B', 'S : 0|16@1+ (1,0) [0|0] "" B')
+    file = read(dbc(*good, more=more))
+    names(file.left_out[0], *(word if word != "line 5" else "line 6" for word in words))
+    assert [message.name for message in file.messages] == ["Msg"]
+    assert file.messages[0].signals[0].entry.name == "Good"
+
+
+def test_many_statements_that_cannot_be_understood_are_counted(
+    read: Callable[..., can.CanFile],
+) -> None:
+    file = read(dbc('Good : 32|8@1+ (1,0) [0|0] "" B', more="BO_ x\n" * 1000))
+    assert len(file.left_out) == 21
+    names(file.left_out[-1], "980 more")
+
+
+@pytest.mark.parametrize(
+    ("value", "period", "words"),
+    [
+        ("0.5", 0.5, []),
+        ("100", 100, []),
+        ("0", 0, []),
+        ("-5", 0, ["Msg", "-5 ms"]),
+        ("1e-9", 0, ["1e-9 ms"]),
+        ("1e999", 0, ["1e999 ms"]),
+        ('"often"', 0, ["often ms"]),
+    ],
+)
+def test_cycle_times(
+    read: Callable[..., can.CanFile], bus: Bus, value: str, period: float, words: Sequence[str]
+) -> None:
+    line = 'S : 0|8@1+ (1,0) [0|0] "" B'
+    # Without its definition, the attribute says the same.
+    file = read(dbc(line, more=f'BA_ "GenMsgCycleTime" BO_ 1 {value};\n'), "A")
+    assert file.messages[0].period_ms == period
+    assert len(file.left_out) == bool(words)
+    names("".join(file.left_out), *words)
+    assert block(bus, file).can.messages[0].period == period / 1000
+
+
+def test_texts_may_have_anything(read: Callable[..., can.CanFile]) -> None:
+    note = 'a \\"quote\\"\nBO_ 5 Fake: 8 A\n SG_ F : 0|8@1+ (1,0) [0|0] ; // no remark'
+    text = dbc(
+        'S : 0|8@1+ (1,0) [0|0] "m" B // a remark with "quotes"', more=f'CM_ SG_ 1 S "{note}";\n'
+    )
+    file = read(
+        text.replace('VERSION ""', 'VERSION ""\nNS_ :\n\tCM_\n\tBO_TX_BU_\n\tSG_MUL_VAL_\n')
+    )
+    (message,) = file.messages
+    (signal,) = message.signals
+    assert not file.left_out
+    names(signal.entry.note, 'a "quote"', "Fake", "// no remark")
+
+
+def test_a_large_file(read: Callable[..., can.CanFile]) -> None:
+    messages = "".join(
+        f'BO_ {n} M{n}: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" B\n' for n in range(2, 2000)
+    )
+    comment = f'CM_ SG_ 1 S "{"x" * 5_000_000}";\n'
+    file = read(dbc('S : 0|8@1+ (1,0) [0|0] "" B', more=messages + comment))
+    assert len(file.messages) == 1999
+    assert not file.left_out
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, len(DBC) - 1), st.integers(1, 40), st.text(max_size=12))
+def test_what_cantools_reads_is_read_alike(at: int, length: int, text: str) -> None:
+    """Where both understand a damaged file, they have the same signals."""
+    damaged = DBC[:at] + text + DBC[at + length :]
+    logging.getLogger("cantools").setLevel(logging.CRITICAL)
+    judge = Database(strict=False, sort_signals=None)
+    try:
+        judge.add_dbc_string(damaged)
+    except Exception:
+        return  # it is stricter
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "x.dbc"
+        file.write_bytes(damaged.encode("utf-8", "replace"))
+        try:
+            found = can.read_request(can.parse_option(f"7={file}"), sample_buses.troll())
+        except UsageError:
+            return
+    expected = {(m.frame_id, m.is_extended_frame): m for m in judge.messages}
+    for message in found.messages:
+        of_judge = {s.name: s for s in expected[message.identifier, message.extended].signals}
+        for signal in message.signals:
+            other = of_judge[signal.entry.name]
+            assert (signal.start, signal.big_endian) == (
+                *(other.start, other.byte_order == "big_endian"),
+            )
+            assert (signal.entry.bit_length, signal.entry.scale, signal.entry.offset) == (
+                *(other.length, other.scale, other.offset),
+            )
+            assert is_real(signal.entry.data_type) == other.is_float
+            assert (signal.selector is None) == (other.multiplexer_ids is None)
+
+
 def test_a_message_without_anything_that_can_be_used(read: Callable[..., can.CanFile]) -> None:
     text = (
         'VERSION ""\nBU_: A\nBO_ 1 Empty: 8 A\n\n'
@@ -229,12 +490,10 @@ def test_a_slave_that_is_not_there(tmp_path: Path, bus: Bus) -> None:
 def test_without_the_package(
     read: Callable[..., can.CanFile], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for package in ("cantools.database.can", "canopen.objectdictionary"):
-        monkeypatch.setitem(sys.modules, package, None)
-    for name in ("x.dbc", "x.eds"):
-        with pytest.raises(StateError) as refused:
-            read(DBC, "5", name)
-        names(str(refused.value), name, "pip install 'ecatd[can]'")
+    monkeypatch.setitem(sys.modules, "canopen.objectdictionary", None)
+    with pytest.raises(StateError) as refused:
+        read(DBC, "5", "x.eds")
+    names(str(refused.value), "x.eds", "pip install 'ecatd[can]'")
 
 
 def test_messages_of_two_files_with_one_identifier(
