@@ -10,7 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import canopen
 import pytest
+from canopen.objectdictionary import ODVariable
 from cantools.database.can import Database
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -29,8 +31,11 @@ from ecatdev import sample_buses
 from ecatdev.checks import check_conventions, check_structure, check_syntax, check_translation
 from ecatgen import can, generate
 from ecatgen.build import build_library
+from ecatgen.can.eds_text import Eds
+from ecatgen.fmu import generate_ls_bus
 from ecatgen.ir import Block
 from ecatgen.render import render
+from ecatsim.can.nodes.drive import EDS
 
 SLAVE = 7
 
@@ -487,15 +492,6 @@ def test_a_slave_that_is_not_there(tmp_path: Path, bus: Bus) -> None:
         can.read_request(can.parse_option(f"77={tmp_path}/x.dbc"), bus)
 
 
-def test_without_the_package(
-    read: Callable[..., can.CanFile], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "canopen.objectdictionary", None)
-    with pytest.raises(StateError) as refused:
-        read(DBC, "5", "x.eds")
-    names(str(refused.value), "x.eds", "pip install 'ecatd[can]'")
-
-
 def test_messages_of_two_files_with_one_identifier(
     read: Callable[..., can.CanFile], bus: Bus
 ) -> None:
@@ -585,6 +581,105 @@ def test_pdos_that_are_off_or_map_what_is_no_number(read: Callable[..., can.CanF
     names(left_out, "0x2000:00", "no number")
     names(left_out, "0x6041:00", "16 bits", "8")
     names(left_out, "0x7000:00", "the file does not have it")
+
+
+def test_a_part_that_the_device_does_not_have(read: Callable[..., can.CanFile]) -> None:
+    array = (
+        "[3000]\nParameterName=List\nObjectType=0x8\nSubNumber=2\n"
+        "[3000sub1]\nParameterName=first\nDataType=0x5\n"
+        "[3001]\nParameterName=Short\nObjectType=0x8\nDataType=0x5\nCompactSubObj=2\n"
+        "[3001Name]\nNrOfEntries=1\n2=second\n"
+    )
+    mapping = [0x30000108, 0x30000908, 0x30010108, 0x30010208, 0x30010308]
+    file = read(eds({0x1800: ("0x181", mapping)}) + array, "5", "x.eds")
+    assert [signal.entry.name for signal in file.messages[0].signals] == [
+        *("List first", "Short 1", "Short second"),
+    ]
+    one, other = file.left_out
+    names(one, "0x3000:09 is mapped, but the file does not have it")
+    names(other, "0x3001:03 is mapped, but the file does not have it")
+
+
+@pytest.mark.parametrize(
+    ("cob", "words"),
+    [
+        ("0x00001181", ["0x00001181", "11 bits", "bit 29"]),
+        ("$NODEID+0x00001180", ["0x00001185", "11 bits"]),
+        ("$NODEID+$NODEID", ["no default"]),
+        ("0x1FFFFFFFFF", ["no default"]),
+        ("often", ["no default"]),
+    ],
+)
+def test_identifiers_that_cannot_be(
+    read: Callable[..., can.CanFile], cob: str, words: Sequence[str]
+) -> None:
+    text = eds({0x1800: ("$NODEID+0x180", [0x60410010]), 0x1801: (cob, [0x60410010])})
+    file = read(text, "5", "x.eds")
+    (sentence,) = file.left_out
+    names(sentence, "Node5 TPDO2", *words)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("DataType=", ["no data type"]),
+        ("DataType=0x99", ["no number"]),
+        ("DataType=0x6\nDataType=0x3", ["different things"]),
+        ("DataType=0x6\n[3000]\nDataType=0x6", ["different things"]),
+        ("DataType=0x6\nFactor=some", ["factor 'some'"]),
+        ("DataType=0x3\nLowLimit=0x12345", ["limit 0x12345", "left out"]),
+    ],
+)
+def test_a_bad_object_takes_no_other_with_it(
+    read: Callable[..., can.CanFile], lines: str, words: Sequence[str]
+) -> None:
+    text = eds({0x1800: ("0x181", [0x60410010, 0x30000010])})
+    file = read(f"{text}[3000]\nParameterName=Bad\n{lines}\n", "5", "x.eds")
+    (sentence,) = file.left_out
+    names(sentence, "object 0x3000:00", *words)
+    assert file.messages[0].signals[0].entry.name == "Statusword"
+    assert all(s.entry.minimum is None for s in file.messages[0].signals)
+
+
+def test_limits_of_signed_objects(read: Callable[..., can.CanFile]) -> None:
+    text = eds({0x1400: ("0x201", [0x30000010])})
+    limits = "DataType=0x3\nLowLimit=0xFF9C\nHighLimit=100 ; comment\nFactor=-0.5"
+    file = read(f"{text}[3000]\nParameterName=Torque\n{limits}\n", "5", "x.eds")
+    entry = file.messages[0].signals[0].entry
+    assert (entry.minimum, entry.maximum, entry.scale) == (-50, 50, -0.5)
+
+
+@pytest.mark.parametrize("name", ["x.dbc", "x.eds"])
+def test_encodings(tmp_path: Path, bus: Bus, name: str) -> None:
+    path = tmp_path / name
+    text = DRIVE if name == "x.eds" else DBC.replace("of the shaft", "of the shaft (°)")
+    text = text.replace("Statusword", "Größe").replace("\n", "\r\n")
+    path.write_bytes(text.encode("utf-8"))
+    request = can.parse_option(f"7={path}@{'5' if name == 'x.eds' else 'ECU'}")
+    expected = can.read_request(request, bus)
+    for encoding in ("cp1252", "utf-8-sig"):
+        path.write_bytes(text.encode(encoding))
+        assert can.read_request(request, bus) == expected
+    path.write_bytes(text.encode("utf-16"))
+    with pytest.raises(UsageError) as refused:
+        can.read_request(request, bus)
+    names(str(refused.value), name, "UTF-16", "save it in UTF-8")
+
+
+def test_what_canopen_reads_is_read_alike() -> None:
+    dictionary = canopen.import_od(str(EDS), node_id=5)
+    found = Eds(EDS.read_text(), 5)
+    seen = 0
+    for index, item in dictionary.items():
+        parts = [item] if isinstance(item, ODVariable) else list(item.values())
+        for part in parts:
+            variable = found.variable(index, part.subindex)
+            assert variable is not None
+            assert variable.data_type == part.data_type
+            if isinstance(part.default, int):
+                assert variable.value == part.default
+                seen += 1
+    assert seen > 50
 
 
 @pytest.mark.parametrize("who", ["", "0", "128", "drive"])
@@ -679,9 +774,57 @@ def test_any_text_of_a_file_stays_a_text(message: str, signal: str, unit: str) -
             assert re.search(r'ecatm_can_signal_open\(block->message_1, "[ -~]*"', text.decode())
 
 
-def test_a_damaged_memory_counts_as_none() -> None:
-    for data in (None, b"", b"[]", b'{"schema": 1, "files": [{}]}', b"\xff"):
-        assert can.parse(data) == ()
+def test_a_damaged_memory_is_refused(read: Callable[..., can.CanFile]) -> None:
+    good = can.dump([read(DBC, "ECU")])
+    for data in (
+        *(None, b"", b"[]", b'{"schema": 1, "files": [{}]}', b"\xff", b"[" * 100_000, good[:-9]),
+        good.replace(b'"schema": 1', b'"schema": 2'),
+        good.replace(b'"bit_length": 16', b'"bit_length": 99999999999'),
+        good.replace(b'"maximum": 3200.0', b'"maximum": 1e999'),
+        good.replace(b'"scale": 0.1', b'"scale": NaN'),
+        good.replace(b'"start": 7', b'"start": 4000000000'),
+        good.replace(b'"length": 8', b'"length": "8"'),
+        good.replace(b'"low": 1', b'"low": null'),
+        good.replace(b'"name": "Motor"', b'"name": ["Motor"]'),
+        good.replace(b'"period_ms": 100000', b'"period_ms": -1'),
+    ):
+        assert data != good
+        with pytest.raises(StateError) as refused:
+            can.remembered(data, "can.json")
+        names(str(refused.value), "can.json", "give --can again", "--can none")
+
+
+@pytest.mark.parametrize("damage", ["lost", "damaged", "a folder"])
+def test_messages_that_cannot_be_remembered_are_not_dropped(
+    tmp_path: Path, read: Callable[..., can.CanFile], bus: Bus, damage: str
+) -> None:
+    generate(bus, "Plant", tmp_path, messages=[read(DBC, "ECU")])
+    memory = tmp_path / "Plant" / "Resources" / "can.json"
+    memory.unlink()
+    if damage == "damaged":
+        memory.write_text("{")
+    if damage == "a folder":
+        memory.mkdir()
+    before = (tmp_path / "Plant" / "EL6751_2.mo").read_bytes()
+    for check in (True, False):
+        with pytest.raises(StateError) as refused:
+            generate(bus, "Plant", tmp_path, check=check)
+        names(str(refused.value), "can.json", "give --can again")
+    assert (tmp_path / "Plant" / "EL6751_2.mo").read_bytes() == before
+    generate(bus, "Plant", tmp_path, messages=[read(DBC, "ECU")], force=True)
+    assert can.parse(memory.read_bytes())
+    assert not generate(bus, "Plant", tmp_path, check=True).is_change
+
+
+def test_a_slave_that_is_no_terminal(tmp_path: Path, bus: Bus) -> None:
+    (tmp_path / "x.dbc").write_text(DBC)
+    with pytest.raises(UsageError) as refused:
+        can.read_request(can.parse_option(f"0={tmp_path}/x.dbc"), bus)
+    names(str(refused.value), "--can 0", "no CAN terminal", "[slave.can]")
+    with pytest.raises(UsageError) as refused:
+        generate_ls_bus(bus, "Plant", tmp_path, 0)
+    names(str(refused.value), "--ls-bus 0", "no CAN terminal", "[slave.can]")
+    assert not (tmp_path / "Plant.fmu").exists()
 
 
 def is_refused_with_a_sentence(text: str, name: str, who: str) -> None:
