@@ -34,6 +34,7 @@ from ecatgen.build import build_library
 from ecatgen.can.eds_text import Eds
 from ecatgen.fmu import generate_ls_bus
 from ecatgen.ir import Block
+from ecatgen.names import Namespace
 from ecatgen.render import render
 from ecatsim.can.nodes.drive import EDS
 
@@ -402,6 +403,29 @@ def test_a_large_file(read: Callable[..., can.CanFile]) -> None:
     file = read(dbc('S : 0|8@1+ (1,0) [0|0] "" B', more=messages + comment))
     assert len(file.messages) == 1999
     assert not file.left_out
+
+
+def test_more_signals_than_a_block_can_have(read: Callable[..., can.CanFile]) -> None:
+    text = "".join(
+        f"BO_ {n} M{n}: 8 {'A' if n % 9 else 'B'}\n"
+        + "".join(f' SG_ S{bit} : {bit}|1@1+ (1,0) [0|0] "" C\n' for bit in range(64))
+        for n in range(600)
+    )
+    text = f"BU_: A B C D\n{text}"
+    with pytest.raises(UsageError) as refused:
+        read(text)
+    names(str(refused.value), "38400 signals", "at most 30000", "@NODE")
+    assert len(read(text, "B").messages) == 67
+
+
+def test_names_do_not_take_ever_longer() -> None:
+    namespace = Namespace()
+    taken = [namespace.take("sameName") for _ in range(20_000)]
+    assert taken[:3] == ["sameName", "sameName_2", "sameName_3"]
+    assert len({name.casefold() for name in taken}) == len(taken)
+    other = Namespace()
+    other.take("a_2")
+    assert [other.take(name) for name in ("a", "a", "A")] == ["a", "a_3", "A_4"]
 
 
 @settings(max_examples=100, deadline=None)

@@ -17,6 +17,9 @@ from .terminals import terminal
 NONE = "none"
 """The option without any file: a library forgets those of the run before."""
 
+MOST_SIGNALS = 30_000
+"""Most signals of one file: a block of more of them needs much memory, here and in any tool."""
+
 _DEVICE = (".eds", ".dcf")
 _NODES = 127
 _LIKE = "give it as SLAVE=FILE, such as 6=motor.dbc, 6=motor.dbc@NODE or drive=servo.eds@5"
@@ -82,6 +85,13 @@ def read_request(request: Request, bus: Bus) -> CanFile:
         reasons = "; ".join(left_out[:3])
         raise UsageError(
             f"{path}: there is no message that can be used{': ' if reasons else ''}{reasons}"
+        )
+    signals = sum(len(message.signals) for message in messages)
+    if signals > MOST_SIGNALS:
+        raise UsageError(
+            f"{path}: the model would have {signals} signals of it, but at most {MOST_SIGNALS} are "
+            f"possible: name the nodes that the model is ({request.slave}={path}@NODE), or leave "
+            "out messages of the file"
         )
     return CanFile(
         slave.position,
