@@ -18,7 +18,7 @@ from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
 from ecatsim.chip import MODELS
 from ecatsim.devices.beckhoff import EL3008
 from ecatsim.esc import Segment
-from ecatsim.files import device_attributes, device_file
+from ecatsim.files import any_device, device_attributes, device_file
 from ecatsim.slave.objects import ObjectCode
 from ecatsim.slave.sii import DcMode, Description, FmmuType, SmType, SyncManager, build
 
@@ -173,7 +173,7 @@ entry = [{ subindex = 3, name = "Ready" }]
 def load(folder: Path, text: str) -> Device:
     file = folder / "device.toml"
     file.write_text(text, "utf-8")
-    return device_file.load(file)
+    return any_device.load(file)
 
 
 def test_nine_lines_make_a_device(tmp_path: Path) -> None:
@@ -823,12 +823,12 @@ def test_process_data_that_do_not_fit_into_the_chip(tmp_path: Path) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=naming(tmp_path / "nothing.toml", "No such file")):
-        device_file.load(tmp_path / "nothing.toml")
+        any_device.load(tmp_path / "nothing.toml")
     with pytest.raises(ConfigError, match=naming(tmp_path, "Is a directory")):
-        device_file.load(tmp_path)
+        any_device.load(tmp_path)
     (tmp_path / "bytes.toml").write_bytes(b"name = '\xff'")
     with pytest.raises(ConfigError, match=naming("bytes.toml:1:", "UTF-8", "start byte")):
-        device_file.load(tmp_path / "bytes.toml")
+        any_device.load(tmp_path / "bytes.toml")
     with pytest.raises(ConfigError, match=naming("device.toml:", "nested")):
         load(tmp_path, "a = " + "[" * 100_000)
     with pytest.raises(ConfigError, match=naming("device.toml:1:", "digits")):
@@ -913,4 +913,4 @@ def test_idns_are_those_of_the_file(tmp_path: Path) -> None:
     for wrong, word in ((f"{row}{row}", "twice"), (row.replace("S-0", "X-0"), "'X-0-0001'")):
         file.write_text(f"vendor = 0xFFFF\nproduct = 1\n{wrong}")
         with pytest.raises(ConfigError, match=word):
-            device_file.load(file)
+            any_device.load(file)

@@ -6,7 +6,7 @@ from drive_bench import BIT_12, BIT_13, IMMEDIATELY, NEW, REACHED, Bench
 from ecatd.base.errors import ConfigError
 from ecatd.etg.error_codes import SdoAbortError
 from ecatsim.devices import drives
-from ecatsim.files import device_file, drive_file
+from ecatsim.files import any_device, drive_file
 
 DONE = BIT_12 | REACHED
 HOMED = 1 << 15
@@ -244,7 +244,7 @@ entry = [{ index = 0x6040, name = "Controlword", type = "uint16" }]
 def test_a_drive_of_ones_own(tmp_path):
     path = tmp_path / "spindle.toml"
     path.write_text(DRIVE)
-    drive = device_file.load(path)
+    drive = any_device.load(path)
     assert drive[0x6502, 0] == 0x04
     assert drive.order == "Spindle"
     for wrong, words in (
@@ -258,4 +258,4 @@ def test_a_drive_of_ones_own(tmp_path):
             drive_file.load(path)
     path.write_text(DRIVE.replace("[drive]", "[[deviation]]").split("description")[0])
     with pytest.raises(ConfigError, match="deviation"):
-        device_file.load(path)
+        any_device.load(path)

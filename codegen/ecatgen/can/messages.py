@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from ecatd.etg.datatypes import DataType, is_real, value_range
@@ -14,6 +14,10 @@ MAX_BYTES = 8
 
 STANDARD_MAX, EXTENDED_MAX = 0x7FF, 0x1FFFFFFF
 _INTEGER = 0x7FFFFFFF
+_SIGNALS = 5000
+
+NO_LIMIT = 1e300
+"""Instead of infinity, which cannot be written in Modelica."""
 
 TYPES = {
     "unsigned": DataType.UNSIGNED64,
@@ -42,6 +46,15 @@ class Selector:
     low: int
     high: int
 
+    def excludes(self, other: Selector | None) -> bool:
+        """Whether no frame has the signals of both."""
+        return (
+            other is not None
+            and (self.high < other.low or other.high < self.low)
+            and (self.start, self.length, self.big_endian)
+            == (other.start, other.length, other.big_endian)
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class CanSignal:
@@ -65,16 +78,6 @@ class CanSignal:
         """The bits of the frame that it has, numbered as in a DBC file."""
         return bits(self.start, self.entry.bit_length, big_endian=self.big_endian)
 
-    def excludes(self, other: CanSignal) -> bool:
-        """Whether no frame has both."""
-        one, two = self.selector, other.selector
-        if one is None or two is None:
-            return False
-        place = (one.start, one.length, one.big_endian)
-        return place == (two.start, two.length, two.big_endian) and (
-            one.high < two.low or two.high < one.low
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class CanMessage:
@@ -86,7 +89,7 @@ class CanMessage:
         extended: Whether that has 29 bits.
         length: Bytes of data.
         sent: Whether the model sends it; else it receives it.
-        period_ms: Time between two frames, 0: not known.
+        period_ms: Time between two frames in ms, 0: not known.
         note: What the file says about it.
         signals: Its signals, in the order of the file.
     """
@@ -96,7 +99,7 @@ class CanMessage:
     extended: bool
     length: int
     sent: bool
-    period_ms: int = 0
+    period_ms: float = 0
     note: str = ""
     signals: tuple[CanSignal, ...] = ()
 
@@ -146,24 +149,72 @@ def checked(message: CanMessage) -> tuple[CanMessage | None, list[str]]:
     most = EXTENDED_MAX if message.extended else STANDARD_MAX
     if not 0 <= message.identifier <= most:
         return None, [f"{message.label} has an identifier above 0x{most:X}"]
+    if len(message.signals) > _SIGNALS:
+        count = len(message.signals)
+        return None, [f"{message.label} has {count} signals, but at most {_SIGNALS} are possible"]
     kept: list[CanSignal] = []
     sentences = []
+    used = _Used()
     for signal in message.signals:
         signal, remark = _with_limits(signal)
-        reason = _reason(signal, message, kept)
+        reason = _reason(signal, message) or (used.add(signal) if message.sent else "")
         if reason:
             sentences.append(f"{message.label}: signal {signal.entry.name} {reason}")
             continue
         if remark:
             sentences.append(f"{message.label}: signal {signal.entry.name} {remark}")
         kept.append(signal)
+    kept, more = _with_multiplexers(message, kept)
+    sentences += more
     if not kept:
         reason = "none of its signals can be used" if message.signals else "it has no signals"
         return None, [*sentences, f"{message.label}: {reason}"]
     return replace(message, signals=tuple(kept)), sentences
 
 
-def _reason(signal: CanSignal, message: CanMessage, kept: Iterable[CanSignal]) -> str:
+def _with_multiplexers(
+    message: CanMessage, kept: Sequence[CanSignal]
+) -> tuple[list[CanSignal], list[str]]:
+    """Takes away signals whose multiplexer is left out: nothing says which frames have them."""
+    places = {_place(signal) for signal in kept if signal.selector is None}
+    names = {_place(signal): signal.entry.name for signal in message.signals}
+    found, sentences = [], []
+    for signal in kept:
+        selector = signal.selector
+        place = (selector.start, selector.length, selector.big_endian) if selector else None
+        if place is None or place in places:
+            found.append(signal)
+            continue
+        other = names.get(place, "a signal")
+        sentences.append(
+            f"{message.label}: signal {signal.entry.name} depends on {other}, which is left out"
+        )
+    return found, sentences
+
+
+def _place(signal: CanSignal) -> tuple[int, int, bool]:
+    return signal.start, signal.entry.bit_length, signal.big_endian
+
+
+class _Used:
+    """The bits of signals that are sent, page by page of a multiplexer."""
+
+    def __init__(self) -> None:
+        self._pages: dict[Selector | None, dict[int, str]] = {}
+
+    def add(self, signal: CanSignal) -> str:
+        """Adds a signal. If a frame would have bits of it twice, it does not, and says so."""
+        wanted, selector = signal.bits, signal.selector
+        for page, names in self._pages.items():
+            if page is not None and page.excludes(selector):
+                continue
+            if bit := wanted & names.keys():
+                return f"has bits of signal {names[min(bit)]}, too"
+        self._pages.setdefault(selector, {}).update(dict.fromkeys(wanted, signal.entry.name))
+        return ""
+
+
+def _reason(signal: CanSignal, message: CanMessage) -> str:
     """Why no frame can have a signal; empty if it can."""
     entry = signal.entry
     if not 1 <= entry.bit_length <= 64 or not signal.bits <= frozenset(range(8 * message.length)):
@@ -177,10 +228,6 @@ def _reason(signal: CanSignal, message: CanMessage, kept: Iterable[CanSignal]) -
         return f"has the factor {entry.scale:g} and the offset {entry.offset:g}"
     if signal.selector is not None and signal.selector.high > _INTEGER:
         return "depends on a multiplexer with more than 31 bits"
-    if message.sent:
-        for other in kept:
-            if signal.bits & other.bits and not signal.excludes(other):
-                return f"has bits of signal {other.entry.name}, too"
     return ""
 
 
@@ -188,6 +235,13 @@ def _with_limits(signal: CanSignal) -> tuple[CanSignal, str]:
     """Takes away limits that leave no value, and says so."""
     entry = signal.entry
     low, high = entry.minimum, entry.maximum
+    if low is not None and low <= -NO_LIMIT:
+        low = None
+    if high is not None and high >= NO_LIMIT:
+        high = None
+    if (low, high) != (entry.minimum, entry.maximum):
+        entry = replace(entry, minimum=low, maximum=high)
+        signal = replace(signal, entry=entry)
     if low is None and high is None:
         return signal, ""
     if _leaves_values(entry):
@@ -201,6 +255,8 @@ def _leaves_values(entry: Entry) -> bool:
     low = -math.inf if entry.minimum is None else entry.minimum
     high = math.inf if entry.maximum is None else entry.maximum
     if math.isnan(low) or math.isnan(high) or low > high or not entry.scale:
+        return False
+    if low >= NO_LIMIT or high <= -NO_LIMIT:
         return False
     if not 1 <= entry.bit_length <= 64 or is_real(entry.data_type):
         return True

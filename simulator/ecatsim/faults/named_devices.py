@@ -31,11 +31,11 @@ def make(device: str) -> Device:
     """
     # Imported here, since the modules that read rig files import the faults.
     from ..devices import library
-    from ..files import device_file, python_file, sii_image
+    from ..files import any_device, python_file, sii_image
 
     path = Path(device)
     if path.suffix == ".toml":
-        return device_file.load(path)
+        return any_device.load(path)
     if path.suffix in _IMAGES:
         told: list[str] = []
         made = sii_image.device_from_sii(read_image(path, told.append), device)

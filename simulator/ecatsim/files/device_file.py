@@ -7,11 +7,10 @@ has its default. A description may also start from an SII image, and then change
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import ConfigError, EcatError
-from ecatd.base.toml_file import Table, read_toml
+from ecatd.base.toml_file import Table
 from ecatd.etg.pdo import Pdo
 
 from ..slave import sync_managers
@@ -33,17 +32,6 @@ def keys() -> tuple[str, ...]:
     return (*device_attributes.keys(), *_OTHERS, *_OF_DRIVES)
 
 
-def load(path: Path) -> Device:
-    """Reads a device from a file.
-
-    Raises:
-        ConfigError: The file cannot be used; the message names file, line and key.
-    """
-    table = read_toml(path)
-    table.only(keys())
-    return read(table, path.stem)
-
-
 def read(table: Table, name: str) -> Device:
     """Reads a device from a table, whose keys have been checked against `keys`.
 
@@ -52,12 +40,8 @@ def read(table: Table, name: str) -> Device:
         name: Order code and name if the table has none.
 
     Raises:
-        ConfigError: As for `load`.
+        ConfigError: The table cannot be used; the message names file, line and key.
     """
-    if "drive" in table:
-        from . import drive_file
-
-        return drive_file.read(table, name)()
     for key in _OF_DRIVES:
         if key in table:
             table.fail(key, "belongs to a drive, which has a table `drive`")

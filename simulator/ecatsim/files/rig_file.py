@@ -18,7 +18,16 @@ from ..esc import MAX_SLAVES
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_can, rig_fmu, rig_links, rig_waveforms, sources
+from . import (
+    any_device,
+    device_file,
+    python_file,
+    rig_can,
+    rig_fmu,
+    rig_links,
+    rig_waveforms,
+    sources,
+)
 from .esi import device_from_esi
 
 _KEYS = ("name", "ring", "slave", "can", "wire", "waveform", "plant", "fault")
@@ -77,7 +86,7 @@ def _slave(table: Table, number: int) -> Device:
         device = _esi_device(table)
     elif "sii" in table or "vendor" in table:
         table.only((*device_file.keys(), *_PLACE))
-        return device_file.read(table, f"Slave {number}")
+        return any_device.read(table, f"Slave {number}")
     else:
         known = (*_SOURCES, *device_file.keys(), *_PLACE)
         table.only(dict.fromkeys(known))
@@ -119,7 +128,7 @@ def _named_device(table: Table) -> Device:
     if text.endswith(".toml"):
         if "parameters" in table:
             table.fail("parameters", "belong to devices of the library or of Python files")
-        return device_file.load(_existing(table, "device", text))
+        return any_device.load(_existing(table, "device", text))
     parameters = _parameters(table)
     if text.endswith(".py") or (colon and name.endswith(".py")):
         made = _from_file(table, text, parameters)
