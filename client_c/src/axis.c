@@ -109,6 +109,7 @@ static int find_objects(ecat_axis *axis) {
   /* A velocity without a unit counts in increments per second, as CiA 402 has it by default. */
   if (known[AXIS_POSITION] && !known[AXIS_VELOCITY]) settings->velocity_scale = settings->position_scale;
   if (!known[AXIS_POSITION]) settings->position_scale = 0;
+  settings->max_torque = 1000 * fabs(settings->torque_scale); /* the rated torque (CiA 402-2, object 0x6072) */
   if (axis->linear) { /* usual values in m; those in rad are set by ecat_axis_open() */
     settings->approach_speed = 0.1;
     settings->approach_acceleration = 1;

@@ -17,6 +17,7 @@ from .. import names
 from ..ir import Block, CanMessage, CanSignal, Connector, Library
 from ..text import NOTHING, Code, identifier, table_text, table_word
 from . import common_variables as common
+from .drives import FmuDrive, find_drives
 from .ir import Attributes, BusTerminal, Fmu, Slave, Unknown, Variable
 from .units import units
 
@@ -57,7 +58,8 @@ def build_fmu(
         for number, block in enumerate(library.blocks)
         for message in block.can.messages
     ]
-    builder = _Builder(fmi, bus, ecus)
+    drives = () if ecus else tuple(find_drives(library.blocks))
+    builder = _Builder(fmi, bus, ecus, drives)
     variables = tuple(builder.all(library.blocks, instances))
     variables += tuple(builder.bus_terminals(tx_clock)) if ecus else ()
     references = {item.name: item.reference for item in variables}
@@ -74,17 +76,26 @@ def build_fmu(
         command=library.command + ("" if ecus else " --fmu" + ("" if fmi == 2 else " --fmi 3")),
         step_size=repr(bus.cycle_time_us / 1e6),
         unit_groups=tuple(filter(None, [units(item.unit for item in variables)])),
-        enumerations=common.ENUMERATIONS + ((common.CAN_STATE,) if messages or ecus else ()),
+        enumerations=common.ENUMERATIONS
+        + ((common.CAN_STATE,) if messages or ecus else ())
+        + ((common.DRIVE_MODE, common.DRIVE_STATE) if drives else ()),
         categories=common.CATEGORIES,
         variables=variables,
         slaves=tuple(_slaves(library.blocks, instances, variables)),
         messages=tuple(_message(number, message) for number, message in messages),
+        drives=tuple(map(_drive, drives)),
         bus_terminals=tuple(map(_bus_terminal, range(ecus))),
         unknowns=tuple(
             _unknown(item, first, known) for item in variables if item.causality == "output"
         ),
         sources=tuple(sources),
     )
+
+
+def _drive(drive: FmuDrive) -> Code:
+    """The line of a drive in the table."""
+    scales = Code(" ").join(map(_bits, drive.scales))
+    return Code("drive %d %d %d %s") % (drive.block, drive.axis, int(drive.linear), scales)
 
 
 def _message(slave: int, message: CanMessage) -> Code:
@@ -191,7 +202,8 @@ class _Value:
 class _Builder:
     """Builds variables one after the other and counts their value references."""
 
-    def __init__(self, fmi: int, bus: Bus, ecus: int) -> None:
+    def __init__(self, fmi: int, bus: Bus, ecus: int, drives: Sequence[FmuDrive]) -> None:
+        self._drives = drives
         self._fmi = fmi
         self._ecus = ecus
         self._bus = bus
@@ -277,8 +289,29 @@ class _Builder:
             for connector in connectors:
                 entry = entries[outputs, connector.index, connector.subindex]
                 yield self._entry(number, instance, connector, entry, outputs=outputs)
+        for place, drive in enumerate(self._drives):
+            if drive.block == number:
+                yield from self._drive(place, block, f"{instance}.{drive.name}", drive)
         if block.can.messages or self._ecus:
             yield from self._terminal(number, block, instance)
+
+    def _drive(self, place: int, block: Block, prefix: str, drive: FmuDrive) -> Iterator[Variable]:
+        """The variables of a drive in SI units."""
+        torque = ("N" if drive.linear else "N.m") if drive.has_torque_unit else ""
+        for name, item in common.OF_DRIVES:
+            unit = item.unit.replace("LENGTH", drive.length).replace("TORQUE", torque)
+            value = replace(self._fixed(item), unit=unit)
+            if item.kind == "Real":
+                value = replace(value, minimum=None)
+            if name == "mode":
+                value = replace(value, start=4 + drive.targets.index(True))
+            yield self._variable(
+                (_member(prefix, name), f"{block.slave_label}: {item.description}"),
+                "output" if item.start is None else "input",
+                item.name,
+                value,
+                Code(" %d %d") % (drive.block, place),
+            )
 
     def _terminal(self, number: int, block: Block, instance: str) -> Iterator[Variable]:
         """The variables of the CAN bus behind a slave."""

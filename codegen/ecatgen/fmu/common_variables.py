@@ -51,6 +51,34 @@ CAN_STATE = Enumeration(
 )
 """Only of FMUs with CAN messages or bus terminals."""
 
+DRIVE_MODE = Enumeration(
+    "DriveMode",
+    "Mode of operation of a drive (CiA 402)",
+    (
+        Item("ProfilePosition", 1, "Target position; the drive makes the way"),
+        Item("ProfileVelocity", 2, "Target speed; the drive makes the way"),
+        Item("ProfileTorque", 3, "Target torque; the drive makes the way"),
+        Item("CyclicPosition", 4, "Positions in each step"),
+        Item("CyclicVelocity", 5, "Speeds in each step"),
+        Item("CyclicTorque", 6, "Torques in each step"),
+    ),
+)
+DRIVE_STATE = Enumeration(
+    "DriveState",
+    "State of a drive (CiA 402)",
+    (
+        Item("NotReadyToSwitchOn", 1, "Not ready to switch on, or not connected"),
+        Item("SwitchOnDisabled", 2, "Switch on disabled"),
+        Item("ReadyToSwitchOn", 3, "Ready to switch on"),
+        Item("SwitchedOn", 4, "Switched on"),
+        Item("OperationEnabled", 5, "Operation enabled"),
+        Item("QuickStopActive", 6, "Quick stop active"),
+        Item("FaultReactionActive", 7, "Fault reaction active"),
+        Item("Fault", 8, "Fault"),
+    ),
+)
+"""Only of FMUs with drives in SI units."""
+
 ENUMERATIONS = (BUS_FAILURE, BUS_STATE, AL_STATE)
 """The enumerations of `EtherCAT.Types`, with the same numbers."""
 
@@ -142,6 +170,31 @@ OF_SENT = (Fixed("canCount", "Counter", "frames that were handed over, modulo 2^
 
 MEMBERS = {"canValid": "valid", "canAge": "age", "canCount": "count"}
 """What they are called: `terminal.motor.age`."""
+
+OF_DRIVES = (
+    ("enable", Fixed("driveEnable", "Boolean", "true: it shall be in operation", False)),
+    ("quickStop", Fixed("driveQuickStop", "Boolean", "true: it shall stop quickly", False)),
+    ("faultReset", Fixed("driveFaultReset", "Boolean", "false to true resets a fault", False)),
+    ("home", Fixed("driveHome", "Boolean", "true: it shall home", False)),
+    ("mode", Fixed("driveMode", "DriveMode", "mode of operation", 4)),
+    (
+        "positionReference",
+        Fixed("drivePositionReference", "Real", "position for it", 0.0, "LENGTH"),
+    ),
+    ("speedReference", Fixed("driveSpeedReference", "Real", "speed for it", 0.0, "LENGTH/s")),
+    ("torqueReference", Fixed("driveTorqueReference", "Real", "torque for it", 0.0, "TORQUE")),
+    ("position", Fixed("drivePosition", "Real", "its position", unit="LENGTH")),
+    ("speed", Fixed("driveSpeed", "Real", "its speed", unit="LENGTH/s")),
+    ("torque", Fixed("driveTorque", "Real", "its torque", unit="TORQUE")),
+    ("enabled", Fixed("driveEnabled", "Boolean", "it follows its reference")),
+    ("homed", Fixed("driveHomed", "Boolean", "it was homed by this FMU")),
+    ("reached", Fixed("driveReached", "Boolean", "it has reached its reference")),
+    ("state", Fixed("driveState", "DriveState", "its state")),
+    ("errorCode", Fixed("driveErrorCode", "Counter", "its error code 0x603F, 0: none")),
+)
+"""The variables of each drive, by name; inputs have a start value.
+
+LENGTH and TORQUE stand for units of the axis."""
 
 INTERVAL = "interval"
 OF_BUS_TERMINALS = (

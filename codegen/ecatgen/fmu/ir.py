@@ -162,6 +162,7 @@ class Fmu:
         variables: Variables by value reference.
         slaves: Slaves by position.
         messages: The lines of CAN messages in `resources/plant.txt`.
+        drives: Those of drives.
         bus_terminals: Bus terminals of FMI-LS-BUS; with them, the FMU has events and clocks.
         unknowns: The outputs, as elements of the model structure.
         sources: C files to compile, relative to `sources`.
@@ -182,6 +183,7 @@ class Fmu:
     variables: tuple[Variable, ...]
     slaves: tuple[Slave, ...]
     messages: tuple[Code, ...]
+    drives: tuple[Code, ...]
     bus_terminals: tuple[BusTerminal, ...]
     unknowns: tuple[Unknown, ...]
     sources: tuple[str, ...]

@@ -80,6 +80,8 @@ plant *plant_new(const char *token, const char *resources, plant_log *log, void 
     ecat_session_fail(&p->session, -1, "the importer asks for a model with token '%s', but "
                       "resources/plant.txt is of '%s': files of two FMUs were mixed",
                       token == NULL ? "" : token, p->token);
+  if (p->session.problem[0] == '\0' && drives_found(p) != 0)
+    ecat_session_fail(&p->session, -1, "resources/plant.txt has a drive without its objects; generate the FMU again");
   if (p->session.problem[0] == '\0' && p->ecu_count > 0) {
     p->session.settings.check = ls_bus_found;
     if ((p->ls_bus = ls_bus_new(p->ecu_count)) == NULL) ecat_session_fail(&p->session, -1, "out of memory");
@@ -208,6 +210,7 @@ int plant_begin(plant *p) {
   session->settings.require_op = plant_integer(p, ROLE_REQUIRE_OPERATIONAL) != 0;
   code = ecat_session_begin(session);
   if (code == 0) code = ecat_session_sample(session);
+  if (code == 0) drives_measure(p, p->time);
   if (code == 0 && p->ls_bus != NULL) code = ls_bus_exchange(p);
   p->begun = 1;
   if (code == 0 && session->outage == 0)
@@ -250,9 +253,11 @@ int plant_step(plant *p, double time, double step) {
   if (!(isfinite(time) && isfinite(step) && step > 0))
     return plant_say(p, PLANT_ERROR, "doStep: from %g s, for %g s, is no communication step", time,
                      step);
+  drives_command(p);
   code = write_inputs(p);
   if (code == 0) code = pace(p, time, step);
   if (code == 0) code = ecat_session_sample(&p->session);
+  if (code == 0) drives_measure(p, time + step);
   if (code == 0 && p->ls_bus != NULL) code = ls_bus_exchange(p);
   status = settle(p, code);
   if (status == PLANT_OK) p->time = time + step;

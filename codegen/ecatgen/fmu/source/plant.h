@@ -14,6 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include <ecat/ecat_drive.h>
 #include <ecat/ecat_session.h>
 
 /* fmi2Status and fmi3Status have the same numbers. */
@@ -79,6 +80,22 @@ enum plant_role {
   ROLE_CAN_OUTPUT, /* CAN signal that the FMU receives */
   ROLE_INPUT,  /* entry that the FMU writes to the bus */
   ROLE_OUTPUT, /* entry that the FMU reads from the bus */
+  ROLE_DRIVE_ENABLE, /* this role and those to ROLE_DRIVE_ERROR_CODE belong to a drive; inputs first */
+  ROLE_DRIVE_QUICK_STOP,
+  ROLE_DRIVE_FAULT_RESET,
+  ROLE_DRIVE_HOME,
+  ROLE_DRIVE_MODE,
+  ROLE_DRIVE_POSITION_REFERENCE,
+  ROLE_DRIVE_SPEED_REFERENCE,
+  ROLE_DRIVE_TORQUE_REFERENCE,
+  ROLE_DRIVE_POSITION,
+  ROLE_DRIVE_SPEED,
+  ROLE_DRIVE_TORQUE,
+  ROLE_DRIVE_ENABLED,
+  ROLE_DRIVE_HOMED,
+  ROLE_DRIVE_REACHED,
+  ROLE_DRIVE_STATE,
+  ROLE_DRIVE_ERROR_CODE,
   ROLE_INTERVAL, /* a parameter; this role and those below are of an FMU with bus terminals (ls_bus.h) */
   ROLE_FRAMES_SENT,
   ROLE_FRAMES_RECEIVED,
@@ -117,11 +134,25 @@ typedef struct plant_variable {
   int slave; /* index in `slaves` */
   int ecu;   /* of a bus terminal */
   int message; /* index in `messages` */
+  int drive;   /* 1 + index in `drives` of its drive, or of the drive that writes this raw input; 0: there is none */
   ecat_session_entry on_bus; /* of an entry; its range is as it was when the FMU was made */
   ecat_session_signal signal; /* of a CAN signal */
   char *unit;
   plant_value start, value;
 } plant_variable;
+
+enum { PLANT_DRIVE_WRITTEN = 9, PLANT_DRIVE_READ = 7 };
+
+/* A drive of a slave, in SI units (drives.c). */
+typedef struct plant_drive {
+  int slave, axis; /* 1 first */
+  int linear;      /* in m, not in rad */
+  double scales[4]; /* of position, velocity, torque and current, as in ecat_drive_settings */
+  plant_variable *written[PLANT_DRIVE_WRITTEN], *read[PLANT_DRIVE_READ]; /* its raw variables; NULL: it has none */
+  ecat_drive drive;
+  int active; /* the importer has enabled it once */
+  int told;   /* a message has said that it writes a raw input that the importer has set */
+} plant_drive;
 
 typedef void plant_log(void *context, enum plant_status status, const char *category,
                        const char *message);
@@ -141,6 +172,8 @@ typedef struct plant {
   size_t slave_count;
   plant_message *messages;
   size_t message_count;
+  plant_drive *drives;
+  size_t drive_count;
   plant_variable *variables; /* by value reference */
   size_t variable_count;
 
@@ -159,6 +192,14 @@ typedef struct plant {
 /* table.c: plant_load() returns a negative value on failure, with the error text in `session.problem`. */
 int plant_load(plant *p, const char *resources);
 void plant_unload(plant *p);
+
+/* drives.c: in each step, drives_command() before the inputs are handed over, and drives_measure() after the sample.
+ * drives_found() returns a negative value if an object of a drive is not among the variables. */
+int drives_found(plant *p);
+void drives_begin(plant *p);
+int drives_can(const plant_drive *drive, int64_t mode);
+void drives_command(plant *p);
+void drives_measure(plant *p, double time);
 
 /* variables.c: access by value reference. */
 double plant_real(const plant *p, enum plant_role role);

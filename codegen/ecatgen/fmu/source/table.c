@@ -9,8 +9,11 @@
  *     slave POSITION VENDOR PRODUCT REVISION NAME LABEL    NAME: in the configuration, or -
  *     messages COUNT                     of CAN buses behind slaves
  *     message SLAVE ID SENDS LENGTH TRANSMISSION PERIOD TIMEOUT    ID: as in ecat_can_frame
+ *     drives COUNT
+ *     drive SLAVE AXIS LINEAR POSITION VELOCITY TORQUE CURRENT    scales, as in ecat_drive_settings
  *     variables COUNT                    in the order of their value references, 0 first
  *     variable TYPE ROLE START NAME [SLAVE [WHAT SCALE OFFSET MINIMUM MAXIMUM UNIT]]
+ *     variable TYPE ROLE START NAME SLAVE DRIVE    of a drive
  *     variable TYPE ROLE START NAME ECU    of a bus terminal; the CAN bus is that of the first slave. START of
  *                                          Tx_Clock: 0 countdown, 1 triggered
  *
@@ -44,7 +47,9 @@ static const char *const role_names[ROLES] = {
     "age",
     "missed",         "workingCounter", "workingCounterExpected", "valid",   "alState",
     "alStatusCode",   "canState",  "canSendErrors", "canReceiveErrors", "canValid", "canAge", "canCount",
-    "canInput",       "canOutput", "input",     "output",    "interval",  "framesSent",  "framesReceived",
+    "canInput",       "canOutput", "input",     "output",    "driveEnable", "driveQuickStop", "driveFaultReset",
+    "driveHome", "driveMode", "drivePositionReference", "driveSpeedReference", "driveTorqueReference", "drivePosition",
+    "driveSpeed", "driveTorque", "driveEnabled", "driveHomed", "driveReached", "driveState", "driveErrorCode", "interval",  "framesSent",  "framesReceived",
     "operationsRefused", "operationsLost", "BusNotifications", "Rx_Clock", "Rx_Data",    "Tx_Clock", "Tx_Data"};
 
 /* --- words --------------------------------------------------------------------------------- */
@@ -171,7 +176,20 @@ static void read_signal(reader *r, plant_variable *variable) {
   signal->unit = variable->unit = copy(r, r->line == NULL ? "" : r->line);
 }
 
-static void read_variable(reader *r, plant_variable *variable, size_t slaves, size_t messages) {
+static void read_drive(reader *r, plant_drive *drive, size_t slaves) {
+  int i;
+  if (!next_line(r) || strcmp(word(r), "drive") != 0 || slaves == 0) r->wrong = 1;
+  if (r->wrong) return;
+  drive->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
+  drive->axis = (int)number(r, 10, 1, 8);
+  drive->linear = (int)number(r, 10, 0, 1);
+  for (i = 0; i < 4; i++) {
+    drive->scales[i] = real(r);
+    if (!(drive->scales[i] < 0 || drive->scales[i] > 0)) r->wrong = 1;
+  }
+}
+
+static void read_variable(reader *r, plant_variable *variable, size_t slaves, size_t messages, size_t drives) {
   ecat_signal_info *entry = &variable->on_bus.expected;
   if (!next_line(r) || strcmp(word(r), "variable") != 0) r->wrong = 1;
   if (r->wrong) return;
@@ -184,12 +202,17 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves, si
   else
     variable->start.integer = number(r, 10, INT64_MIN, INT64_MAX);
   variable->name = copy(r, word(r));
-  if (variable->role < ROLE_VALID || (variable->role > ROLE_OUTPUT && variable->role < ROLE_BUS_NOTIFICATIONS)) return;
-  if (variable->role > ROLE_OUTPUT) {
+  if (variable->role < ROLE_VALID || (variable->role >= ROLE_INTERVAL && variable->role < ROLE_BUS_NOTIFICATIONS)) return;
+  if (variable->role >= ROLE_BUS_NOTIFICATIONS) {
     variable->ecu = (int)number(r, 10, 0, MAX_ECUS - 1);
     return;
   }
   variable->slave = (int)number(r, 10, 0, (int64_t)slaves - 1);
+  if (variable->role > ROLE_OUTPUT) {
+    variable->drive = 1 + (int)number(r, 10, 0, (int64_t)drives - 1);
+    if (drives == 0) r->wrong = 1;
+    return;
+  }
   if (variable->role < ROLE_CAN_VALID) return;
   if (variable->role < ROLE_INPUT) {
     variable->message = (int)number(r, 10, 0, (int64_t)messages - 1);
@@ -267,11 +290,15 @@ static void read_table(reader *r, plant *p) {
   p->messages = calloc(n + 1, sizeof *p->messages);
   for (i = 0; p->messages != NULL && i < n && !r->wrong; i++)
     read_message(r, &p->messages[p->message_count++], p->slaves, p->slave_count);
+  n = count(r, "drives");
+  p->drives = calloc(n + 1, sizeof *p->drives);
+  for (i = 0; p->drives != NULL && i < n && !r->wrong; i++)
+    read_drive(r, &p->drives[p->drive_count++], p->slave_count);
   n = count(r, "variables");
   p->variables = calloc(n + 1, sizeof *p->variables);
   for (i = 0; p->variables != NULL && i < n && !r->wrong; i++)
-    read_variable(r, &p->variables[p->variable_count++], p->slave_count, p->message_count);
-  if (p->slaves == NULL || p->messages == NULL || p->variables == NULL) r->wrong = 1;
+    read_variable(r, &p->variables[p->variable_count++], p->slave_count, p->message_count, p->drive_count);
+  if (p->slaves == NULL || p->messages == NULL || p->drives == NULL || p->variables == NULL) r->wrong = 1;
   if (!r->wrong) check_roles(r, p);
 }
 
@@ -381,6 +408,7 @@ void plant_unload(plant *p) {
   }
   free(p->slaves);
   free(p->messages);
+  free(p->drives);
   free(p->variables);
   free(p->token);
   free(p->command);

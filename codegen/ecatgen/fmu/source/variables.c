@@ -49,6 +49,7 @@ void plant_start_values(plant *p) {
     if (p->variables[i].role == ROLE_CAN_AGE) p->variables[i].value.real = ECAT_AGE_NEVER;
   }
   for (i = 0; i < p->message_count; i++) p->messages[i].active = 0;
+  drives_begin(p);
   plant_publish(p, ROLE_AGE, ECAT_AGE_NEVER, 0);
   for (i = 0; i < p->slave_count; i++) p->slaves[i].on_bus.writes = 0;
   if (p->ls_bus != NULL) ls_bus_clear(p->ls_bus);
@@ -70,6 +71,11 @@ static plant_variable *find(plant *p, unsigned reference, enum plant_type type, 
   return v;
 }
 
+static int is_input(const plant_variable *v) {
+  return v->role == ROLE_INPUT || v->role == ROLE_CAN_INPUT ||
+         (v->role >= ROLE_DRIVE_ENABLE && v->role <= ROLE_DRIVE_TORQUE_REFERENCE);
+}
+
 /* Connects to the bus during the initialization, if necessary: outputs have values from then on. */
 static int ready(plant *p) {
   return p->state == PLANT_INITIALIZATION && !p->begun ? plant_begin(p) : PLANT_OK;
@@ -78,8 +84,7 @@ static int ready(plant *p) {
 int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value) {
   const plant_variable *v = find(p, reference, type, "get");
   if (v == NULL) return PLANT_ERROR;
-  if (!is_parameter(v) && v->role != ROLE_TIME && v->role != ROLE_INPUT && v->role != ROLE_CAN_INPUT &&
-      ready(p) != PLANT_OK)
+  if (!is_parameter(v) && v->role != ROLE_TIME && !is_input(v) && ready(p) != PLANT_OK)
     return PLANT_ERROR;
   *value = v->value;
   if (v->role == ROLE_TIME) value->real = p->time;
@@ -94,7 +99,7 @@ int plant_get_string(plant *p, unsigned reference, const char **value) {
 
 /* Whether a variable may be set now. Setting a parameter ends the connection, if there is one. */
 static int settable(plant *p, const plant_variable *v) {
-  if (v->role == ROLE_INPUT || v->role == ROLE_CAN_INPUT) return PLANT_OK;
+  if (is_input(v)) return PLANT_OK;
   if (!is_parameter(v))
     return plant_say(p, PLANT_ERROR, "set: '%s' cannot be set: it is no input and no parameter",
                      v->name);
@@ -134,6 +139,10 @@ static int acceptable(plant *p, const plant_variable *v, plant_value value) {
     return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: it is no finite number; it keeps its "
                      "value", v->name, number);
   if (is_parameter(v)) return acceptable_parameter(p, v, number);
+  if (v->role == ROLE_DRIVE_MODE && !drives_can(&p->drives[v->drive - 1], value.integer))
+    return plant_say(p, PLANT_DISCARD, "set: '%s' cannot be %g: the process data of the slave have no target for it; it "
+                     "keeps its value", v->name, number);
+  if (v->role >= ROLE_DRIVE_ENABLE && v->role <= ROLE_DRIVE_TORQUE_REFERENCE) return PLANT_OK;
   if (v->type != PLANT_REAL)
     code = ecat_encode_int(entry_of(v), value.integer, &bits);
   else
@@ -152,7 +161,18 @@ int plant_set(plant *p, unsigned reference, enum plant_type type, plant_value va
     write_signal(v);
     p->messages[v->message].active = 1;
   }
-  if (v->role != ROLE_INPUT) return PLANT_OK;
+  if (v->role != ROLE_INPUT) {
+    /* Not by any input: Simulink sets all of them from the first step on, also for a model that uses the raw ones. */
+    if (v->role == ROLE_DRIVE_ENABLE && value.integer != 0) p->drives[v->drive - 1].active = 1;
+    return PLANT_OK;
+  }
+  if (v->drive > 0 && p->drives[v->drive - 1].active) {
+    if (!p->drives[v->drive - 1].told)
+      plant_say(p, PLANT_WARNING, "set: '%s' has no effect, since the inputs of the drive decide about it: set only one of "
+                "both kinds", v->name);
+    p->drives[v->drive - 1].told = 1;
+    return PLANT_OK;
+  }
   if (type == PLANT_REAL)
     ecat_session_write(&v->on_bus, value.real);
   else
