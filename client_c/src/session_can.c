@@ -44,6 +44,11 @@ static int end_of(int start, int length, int big_endian) {
   return (big_endian ? start / 8 * 8 + 7 - start % 8 : start) + length;
 }
 
+/* Bytes of the data up to the end of a signal. */
+static int bytes_to(int start, int length, int big_endian) { return (end_of(start, length, big_endian) + 7) / 8; }
+
+static int most(int one, int other) { return one > other ? one : other; }
+
 /* The place of the lowest bit of a signal in its word. */
 static int shift_of(int start, int length, int big_endian) {
   return big_endian ? 64 - end_of(start, length, 1) : start;
@@ -209,7 +214,7 @@ int ecat_session_add_signal(ecat_session_signal *signal) {
   ecat_session_message *message = signal->message, *frame = message->frame;
   const ecat_session_signal *other;
   ecat_session_signal **last = &frame->signals;
-  int bytes = message->sends ? message->length : 8, end;
+  int bytes = message->sends ? message->length : 8;
   if (!fits(signal->start, signal->length, signal->big_endian, bytes) ||
       (signal->selector.length != 0 &&
        !fits(signal->selector.start, signal->selector.length, signal->selector.big_endian, bytes)))
@@ -227,8 +232,8 @@ int ecat_session_add_signal(ecat_session_signal *signal) {
       snprintf(why, sizeof why, "has bits of signal %.100s, too", other->name);
       return fail_signal(signal, why);
     }
-  end = (end_of(signal->start, signal->length, signal->big_endian) + 7) / 8;
-  if (!message->sends && message->length < end && signal->selector.length == 0) message->length = end;
+  if (!message->sends && signal->selector.length == 0)
+    message->length = most(message->length, bytes_to(signal->start, signal->length, signal->big_endian));
   while (*last != NULL) last = &(*last)->next;
   *last = signal;
   return 0;
@@ -258,27 +263,42 @@ void session_can_forget(ecat_session *session) {
 
 /* --- receiving -------------------------------------------------------------------------------- */
 
+/* The fewest bytes of a frame with these data that have all its signals: multiplexed ones count if it has them. */
+static int needed(const ecat_session_message *message, const uint8_t data[8]) {
+  const ecat_session_signal *signal;
+  int bytes = message->length;
+  for (signal = message->signals; signal != NULL; signal = signal->next) {
+    if (signal->selector.length == 0) continue; /* it is in the length of the message */
+    bytes = most(bytes, bytes_to(signal->selector.start, signal->selector.length, signal->selector.big_endian));
+    if (has(data, signal)) bytes = most(bytes, bytes_to(signal->start, signal->length, signal->big_endian));
+  }
+  return bytes;
+}
+
 static void take(ecat_session_message *message, const ecat_can_frame *frame) {
   ecat_session_signal *signal;
-  if (frame->length < message->length) {
+  uint8_t data[8] = {0};
+  int least;
+  if (!(frame->id & ECAT_CAN_REMOTE)) memcpy(data, frame->data, frame->length);
+  least = needed(message, data);
+  if (frame->length < least) {
     message->missed++;
     if (!message->told)
       session_tell(message->slave->session, 1, "%sCAN message 0x%X of slave %d (%s) has %d bytes, but at least %d are "
                    "needed; such frames are left out", session_heading(message->slave),
                    (unsigned)(message->id & ECAT_CAN_ID), message->slave->position, message->slave->name,
-                   (int)frame->length, message->length);
+                   (int)frame->length, least);
     message->told = 1;
     return;
   }
-  memset(message->data, 0, sizeof message->data);
-  if (!(frame->id & ECAT_CAN_REMOTE)) memcpy(message->data, frame->data, frame->length);
+  memcpy(message->data, data, sizeof message->data);
   message->data_length = frame->length;
   message->count++;
   message->time_ns = frame->time_ns;
   message->fresh = 1;
   for (signal = message->signals; signal != NULL; signal = signal->next)
-    if (end_of(signal->start, signal->length, signal->big_endian) <= 8 * frame->length && has(message->data, signal))
-      signal->raw = get_bits(message->data, signal->start, signal->length, signal->big_endian);
+    if (has(data, signal))
+      signal->raw = get_bits(data, signal->start, signal->length, signal->big_endian);
 }
 
 /* Reads the frames of a channel up to the cycle of the sample. Those of this session are no news to it. */

@@ -9,15 +9,12 @@ from ecatd.etg.datatypes import is_real, is_signed, type_name
 from ecatd.etg.pdo import Entry, Pdo
 
 from . import names
-from .can.messages import CanFile, CanMessage
+from .can.messages import NO_LIMIT, CanFile, CanMessage
 from .connectors import connectors
 from .ir import Can, Connector, Extent
 from .ir import CanMessage as Message
 from .ir import CanSignal as Signal
 from .text import Code, identifier
-
-NO_LIMIT = 1e300
-"""Instead of infinity, which cannot be written in Modelica."""
 
 TIMEOUT = 1.0
 """Timeout in s of a message of which nobody knows the period."""

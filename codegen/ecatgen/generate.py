@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
+from ecatd.base.errors import StateError
 from ecatd.description.bus import Bus
 
 from . import can, names, static_library
@@ -15,6 +17,8 @@ from .differences import compare
 from .ir import Library
 from .origin import dump_origin, essence, read_origin
 from .output import Report, Tree, install
+from .output.failures import failures_in_words
+from .output.folder import read_folder
 from .render import render
 
 _ORIGIN = "Resources/bus.json"
@@ -53,7 +57,7 @@ def generate(
         ConfigError: A template is wrong.
         UsageError: `name` cannot be the name of a Modelica library.
         StateError: Files of the user are in the places of generated ones; or a terminal with the
-            CAN messages of the library before is gone.
+            CAN messages of the library before is gone, or these cannot be read.
         NotPermittedError: The directory cannot be written.
         EcatError: The C client is not installed.
     """
@@ -61,8 +65,10 @@ def generate(
     made_from = essence(bus)
     folder = out / names.library_name(name)
     before = _read(folder / _ORIGIN)
-    earlier = can.parse(_read(folder / _CAN))
-    messages = can.on_bus(earlier, made_from) if messages is None else tuple(messages)
+    earlier: Sequence[can.CanFile] = ()
+    with nullcontext() if messages is None else suppress(StateError):
+        earlier = _remembered(folder)
+    messages = can.on_bus(earlier, made_from) if messages is None else messages
     library = generator.library(made_from, messages)
     files = generator.files(made_from, library, messages)
     packages = {static_library.NAME: static_library.static_files(), library.name: files}
@@ -97,6 +103,18 @@ def _read(path: Path) -> bytes | None:
     with suppress(OSError):
         return path.read_bytes()
     return None
+
+
+def _remembered(folder: Path) -> tuple[can.CanFile, ...]:
+    """The messages of CAN buses that an earlier run has read.
+
+    Raises:
+        StateError: There were some, but what the run has remembered cannot be read.
+    """
+    path = folder / _CAN
+    with failures_in_words(folder, "read"):
+        had_some = os.path.lexists(path) or _CAN in read_folder(folder).manifest
+    return can.remembered(_read(path), str(path)) if had_some else ()
 
 
 def _otherwise(report: Report, files: Tree, again: Tree) -> tuple[str, ...]:

@@ -128,19 +128,22 @@ class Namespace:
         self._reserved = {name.casefold() for name in WORDS.union(reserved)}
         self._suffix = suffix
         self._taken: set[str] = set()
+        self._counts: dict[str, int] = {}
 
     def is_free(self, name: str) -> bool:
         """Whether the name is neither reserved nor taken."""
-        return name.casefold() not in self._reserved | self._taken
+        folded = name.casefold()
+        return folded not in self._reserved and folded not in self._taken
 
     def take(self, name: str) -> Code:
         """Takes and returns the name; if it is not free, adds the suffix or a counter from 2 on."""
         if name.casefold() in self._reserved:
             name += self._suffix
-        free, count = name, 1
+        free, count = name, self._counts.get(name.casefold(), 1)
         while not self.is_free(free):
             count += 1
             free = f"{name}_{count}"
+        self._counts[name.casefold()] = count
         self._taken.add(free.casefold())
         return identifier(free)
 

@@ -3,7 +3,8 @@
  * Each line of the input has a command, a signal (start, length, big endian, number, scale, offset, minimum, maximum, unit
  * or -, and five numbers of its selector), and 8 bytes as 16 hexadecimal digits. `d` answers with the value of the
  * signal, as a real and as a whole number. `r` and `w` have a value behind the bytes, a real or a whole number, and
- * answer with the bytes of a frame with this value, if its other bits are those bytes; or with the error text.
+ * answer with the bytes of a frame with this value, if its other bits are those bytes; or with the error text. `l` has
+ * a number of bytes behind the bytes, and answers whether a frame with so many of them is received.
  */
 #include "session_can.c"
 
@@ -19,8 +20,12 @@ static int read_bytes(uint8_t bytes[8]) {
   return 1;
 }
 
+static void keep_quiet(void *context, int warning, const char *sentence) {
+  (void)context, (void)warning, (void)sentence;
+}
+
 int main(void) {
-  static const ecat_session_settings settings = {"none", 1, 3, 3, 0, 0, 0, "this", "the test", "patience", NULL, NULL, NULL};
+  static const ecat_session_settings settings = {"none", 1, 3, 3, 0, 0, 0, "this", "the test", "patience", keep_quiet, NULL, NULL};
   char command, unit[32];
   double real;
   int64_t whole;
@@ -31,7 +36,7 @@ int main(void) {
     ecat_session_signal signal;
     ecat_can_frame frame;
     uint8_t bytes[8];
-    int i, code;
+    int i, code, length;
     memset(&slave, 0, sizeof slave);
     memset(&message, 0, sizeof message);
     memset(&signal, 0, sizeof signal);
@@ -49,8 +54,8 @@ int main(void) {
     signal.unit = strcmp(unit, "-") == 0 ? "" : unit;
     signal.message = &message;
     message.slave = &slave;
-    message.sends = command != 'd';
-    message.length = 8;
+    message.sends = command != 'd' && command != 'l';
+    message.length = message.sends ? 8 : 0;
     message.transmission = ECAT_SESSION_EACH_SAMPLE;
     code = ecat_session_add_message(&message);
     if (code == 0) code = ecat_session_add_signal(&signal);
@@ -59,6 +64,11 @@ int main(void) {
       memcpy(frame.data, bytes, sizeof bytes);
       take(&message, &frame);
       printf("%.17g %" PRId64 "\n", ecat_session_can_read(&signal), ecat_session_can_read_int(&signal));
+    } else if (code == 0 && command == 'l' && scanf("%d", &length) == 1) {
+      frame.length = (uint8_t)length;
+      memcpy(frame.data, bytes, (size_t)length);
+      take(&message, &frame);
+      printf("%d\n", message.count);
     } else if (code == 0) {
       if (command == 'r' && scanf("%lf", &real) == 1) ecat_session_can_write(&signal, real);
       if (command == 'w' && scanf("%" SCNd64, &whole) == 1) ecat_session_can_write_int(&signal, whole);

@@ -191,3 +191,22 @@ def test_what_no_frame_has(codec: Codec, signal: tuple[Any, ...], words: list[st
     assert "signal s" in answer
     for word in words:
         assert word in answer
+
+
+@pytest.mark.parametrize(
+    ("data", "length", "is_received"),
+    [
+        ("0133000000000000", 8, 1),
+        ("0133", 2, 0),  # it has the signal, which needs 4 bytes
+        ("01330000", 4, 1),
+        ("0033", 2, 1),  # it does not have the signal
+        ("00", 1, 1),
+        ("", 0, 0),  # nothing says whether it has it
+    ],
+)
+def test_a_frame_needs_the_bytes_of_the_signals_that_it_has(
+    codec: Codec, data: str, length: int, is_received: int
+) -> None:
+    selected = (8, 24, 0, UNSIGNED, 1, 0, -1e300, 1e300, "u", 0, 8, 0, 1, 1)
+    padded = bytes.fromhex(data).ljust(8, b"\0")
+    assert codec.ask("l", selected, padded, length) == str(is_received)

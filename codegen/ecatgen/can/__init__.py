@@ -1,9 +1,9 @@
 """The messages of CAN buses behind terminals, from DBC and EDS files, for blocks and FMUs."""
 
-from .memory import FILE, dump, parse
+from .memory import FILE, dump, parse, remembered
 from .messages import CanFile, CanMessage, CanSignal, Selector
 from .options import NONE, Request, parse_option, read_request
-from .terminals import on_bus
+from .terminals import on_bus, terminal
 
 __all__ = [
     "FILE",
@@ -18,4 +18,6 @@ __all__ = [
     "parse",
     "parse_option",
     "read_request",
+    "remembered",
+    "terminal",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from ecatd.etg.datatypes import DataType, is_real, value_range
@@ -14,6 +14,9 @@ MAX_BYTES = 8
 
 STANDARD_MAX, EXTENDED_MAX = 0x7FF, 0x1FFFFFFF
 _INTEGER = 0x7FFFFFFF
+
+NO_LIMIT = 1e300
+"""Instead of infinity, which cannot be written in Modelica."""
 
 TYPES = {
     "unsigned": DataType.UNSIGNED64,
@@ -86,7 +89,7 @@ class CanMessage:
         extended: Whether that has 29 bits.
         length: Bytes of data.
         sent: Whether the model sends it; else it receives it.
-        period_ms: Time between two frames, 0: not known.
+        period_ms: Time between two frames in ms, 0: not known.
         note: What the file says about it.
         signals: Its signals, in the order of the file.
     """
@@ -96,7 +99,7 @@ class CanMessage:
     extended: bool
     length: int
     sent: bool
-    period_ms: int = 0
+    period_ms: float = 0
     note: str = ""
     signals: tuple[CanSignal, ...] = ()
 
@@ -157,10 +160,36 @@ def checked(message: CanMessage) -> tuple[CanMessage | None, list[str]]:
         if remark:
             sentences.append(f"{message.label}: signal {signal.entry.name} {remark}")
         kept.append(signal)
+    kept, more = _with_multiplexers(message, kept)
+    sentences += more
     if not kept:
         reason = "none of its signals can be used" if message.signals else "it has no signals"
         return None, [*sentences, f"{message.label}: {reason}"]
     return replace(message, signals=tuple(kept)), sentences
+
+
+def _with_multiplexers(
+    message: CanMessage, kept: Sequence[CanSignal]
+) -> tuple[list[CanSignal], list[str]]:
+    """Takes away signals whose multiplexer is left out: nothing says which frames have them."""
+    places = {_place(signal) for signal in kept if signal.selector is None}
+    names = {_place(signal): signal.entry.name for signal in message.signals}
+    found, sentences = [], []
+    for signal in kept:
+        selector = signal.selector
+        place = (selector.start, selector.length, selector.big_endian) if selector else None
+        if place is None or place in places:
+            found.append(signal)
+            continue
+        other = names.get(place, "a signal")
+        sentences.append(
+            f"{message.label}: signal {signal.entry.name} depends on {other}, which is left out"
+        )
+    return found, sentences
+
+
+def _place(signal: CanSignal) -> tuple[int, int, bool]:
+    return signal.start, signal.entry.bit_length, signal.big_endian
 
 
 def _reason(signal: CanSignal, message: CanMessage, kept: Iterable[CanSignal]) -> str:
@@ -188,6 +217,13 @@ def _with_limits(signal: CanSignal) -> tuple[CanSignal, str]:
     """Takes away limits that leave no value, and says so."""
     entry = signal.entry
     low, high = entry.minimum, entry.maximum
+    if low is not None and low <= -NO_LIMIT:
+        low = None
+    if high is not None and high >= NO_LIMIT:
+        high = None
+    if (low, high) != (entry.minimum, entry.maximum):
+        entry = replace(entry, minimum=low, maximum=high)
+        signal = replace(signal, entry=entry)
     if low is None and high is None:
         return signal, ""
     if _leaves_values(entry):
@@ -201,6 +237,8 @@ def _leaves_values(entry: Entry) -> bool:
     low = -math.inf if entry.minimum is None else entry.minimum
     high = math.inf if entry.maximum is None else entry.maximum
     if math.isnan(low) or math.isnan(high) or low > high or not entry.scale:
+        return False
+    if low >= NO_LIMIT or high <= -NO_LIMIT:
         return False
     if not 1 <= entry.bit_length <= 64 or is_real(entry.data_type):
         return True

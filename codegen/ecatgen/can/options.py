@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.base.errors import UsageError
-from ecatd.description.bus import Bus, Slave
-from ecatd.etg.can_terminals import may_be_terminal
+from ecatd.description.bus import Bus
 
 from .dbc import read_dbc
 from .eds import read_eds
 from .messages import CanFile
+from .terminals import terminal
 
 NONE = "none"
 """The option without any file: a library forgets those of the run before."""
+
+MOST_SIGNALS = 30_000
+"""Most signals of one file: a block of more of them needs much memory, here and in any tool."""
 
 _DEVICE = (".eds", ".dcf")
 _NODES = 127
@@ -65,14 +68,8 @@ def read_request(request: Request, bus: Bus) -> CanFile:
         UsageError: The file cannot be read, `who` is not in it, or the slave is no CAN terminal.
         StateError: There is no such slave, or the package that reads the file is missing.
     """
-    slave: Slave = bus.find(request.slave)
     path = request.path
-    sizes = slave.input_bytes, slave.output_bytes
-    if not may_be_terminal(slave.vendor, slave.product, *sizes):
-        raise UsageError(
-            f"--can {request.slave}={path}: {slave.label} is no CAN terminal, and would lose its "
-            "process data in the library: name the terminal with a [slave.can] table"
-        )
+    slave = terminal(bus, request.slave, f"--can {request.slave}={path}")
     try:
         if path.suffix.lower() in _DEVICE:
             node = _node(request)
@@ -88,6 +85,13 @@ def read_request(request: Request, bus: Bus) -> CanFile:
         reasons = "; ".join(left_out[:3])
         raise UsageError(
             f"{path}: there is no message that can be used{': ' if reasons else ''}{reasons}"
+        )
+    signals = sum(len(message.signals) for message in messages)
+    if signals > MOST_SIGNALS:
+        raise UsageError(
+            f"{path}: the model would have {signals} signals of it, but at most {MOST_SIGNALS} are "
+            f"possible: name the nodes that the model is ({request.slave}={path}@NODE), or leave "
+            "out messages of the file"
         )
     return CanFile(
         slave.position,

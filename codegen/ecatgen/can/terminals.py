@@ -5,10 +5,32 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from ecatd.base.errors import StateError
+from ecatd.base.errors import StateError, UsageError
 from ecatd.description.bus import Bus, Slave
+from ecatd.etg.can_terminals import may_be_terminal
 
 from .messages import CanFile
+
+
+def terminal(bus: Bus, name: int | str, option: str) -> Slave:
+    """Returns a terminal by position or name.
+
+    Args:
+        bus: The bus.
+        name: Position or name.
+        option: What the user has given, for messages.
+
+    Raises:
+        UsageError: The slave is no CAN terminal.
+        StateError: There is no such slave.
+    """
+    slave = bus.find(name)
+    if not may_be_terminal(slave.vendor, slave.product, slave.input_bytes, slave.output_bytes):
+        raise UsageError(
+            f"{option}: {slave.label} is no CAN terminal, and would lose its process data in what "
+            "is generated: name the terminal with a [slave.can] table"
+        )
+    return slave
 
 
 def on_bus(files: Iterable[CanFile], bus: Bus) -> tuple[CanFile, ...]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ecatd.base.errors import StateError
 from ecatd.description.bus import Bus
 
 from .. import can
@@ -107,14 +109,17 @@ def generate_fmu(
     Raises:
         UsageError: `name` cannot be the name of a model.
         StateError: The file exists and was not generated, or was changed since; or a terminal with
-            the CAN messages of the FMU before is gone.
+            the CAN messages of the FMU before is gone, or these cannot be read.
         NotPermittedError: The directory cannot be written.
         EcatError: The binary is not built, or there is none for this platform.
     """
     made_from = essence(bus)
     path = out / f"{library_name(name)}.fmu"
-    earlier = can.parse(member(path, _CAN))
-    messages = can.on_bus(earlier, made_from) if messages is None else tuple(messages)
+    earlier: Sequence[can.CanFile] = ()
+    if (data := member(path, _CAN)) is not None:
+        with nullcontext() if messages is None else suppress(StateError):
+            earlier = can.remembered(data, f"{path}, {_CAN}")
+    messages = can.on_bus(earlier, made_from) if messages is None else messages
     library = build_library(made_from, name, messages)
     fixed = fixed_files(fmi, library.name)
     fixed[_ORIGIN] = dump_origin(made_from)

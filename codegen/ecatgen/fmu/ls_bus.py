@@ -9,6 +9,7 @@ from typing import Any
 from ecatd.base.errors import UsageError
 from ecatd.description.bus import Bus
 
+from .. import can
 from ..build import build_library
 from ..origin import essence
 from ..text import Code
@@ -92,7 +93,8 @@ def generate_ls_bus(
         check: Write nothing, only report what would change.
 
     Raises:
-        UsageError: `name` cannot be the name of a model, or there are too many ECUs.
+        UsageError: `name` cannot be the name of a model, there are too many ECUs, or the slave is
+            no CAN terminal.
         StateError: There is no such slave, or the file exists and was not generated, or was changed
             since.
         NotPermittedError: The directory cannot be written.
@@ -100,7 +102,7 @@ def generate_ls_bus(
     """
     if not 1 <= ecus <= MOST_ECUS:
         raise UsageError(f"{ecus} virtual ECUs: an FMU has bus terminals for 1 to {MOST_ECUS}")
-    position = bus.find(slave).position
+    position = can.terminal(bus, slave, f"--ls-bus {slave}").position
     library = build_library(essence(bus), name)
     block = next(item for item in library.blocks if item.position == position)
     given = "" if ecus == 1 else f" --ls-bus-ecus {ecus}"

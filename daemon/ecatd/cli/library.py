@@ -14,7 +14,7 @@ from ecatd.base.paths import user_config
 
 from .arguments import slave
 from .bus_source import add_options, get_bus
-from .output import print_json
+from .output import print_json, progress
 
 if TYPE_CHECKING:
     from ecatd.description.bus import Bus
@@ -163,15 +163,22 @@ def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport | LsB
 
     name, out, check = options.name, options.out, options.check
     messages = _messages(bus, options.can)
-    if options.fmu:
-        return fmu.generate_fmu(bus, name, out, options.fmi or 2, messages=messages, check=check)
     if options.ls_bus is not None:
         ecus = 1 if options.ls_bus_ecus is None else options.ls_bus_ecus
         clock = options.ls_bus_clock or "countdown"
         return fmu.generate_ls_bus(bus, name, out, options.ls_bus, ecus, clock, check=check)
     standard = user_config("templates")
     templates = [*options.templates, *([standard] if standard.is_dir() else [])]
-    return generate(bus, name, out, templates, messages=messages, check=check, force=options.force)
+    signals = sum(len(message.signals) for file in messages or [] for message in file.messages)
+    with progress() as show:
+        if signals:  # many of them take some seconds
+            show(f"making connectors of {signals} CAN signals")
+        if options.fmu:
+            fmi = options.fmi or 2
+            return fmu.generate_fmu(bus, name, out, fmi, messages=messages, check=check)
+        return generate(
+            bus, name, out, templates, messages=messages, check=check, force=options.force
+        )
 
 
 def _messages(bus: Bus, texts: list[str] | None) -> list[CanFile] | None:
