@@ -418,6 +418,38 @@ def test_more_signals_than_a_block_can_have(read: Callable[..., can.CanFile]) ->
     assert len(read(text, "B").messages) == 67
 
 
+def test_a_message_with_many_pages(read: Callable[..., can.CanFile]) -> None:
+    def text(count: int) -> str:
+        pages = [f'S{n} m{n} : 16|8@1+ (1,0) [0|0] "" B' for n in range(count)]
+        return dbc('P M : 0|16@1+ (1,0) [0|0] "" B', *pages, 'Q m7 : 20|8@1+ (1,0) [0|0] "" B')
+
+    (sentence,) = read(text(4000), "A").left_out
+    names(sentence, "signal Q", "bits of signal S7")
+    with pytest.raises(UsageError) as refused:
+        read(text(6000), "A")
+    names(str(refused.value), "6002 signals", "at most 5000")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "SG_MUL_VAL_ 1 X P" + " " * 200_000 + "x",
+        "VAL_ 1 " + "9" * 200_000 + "x",
+        " SG_ S : 0|8@1+ (" + "9" * 200_000 + ',0) [0|0] "" B',
+        " SG_ S : 0|8@1+ (1,0) [" + "9" * 200_000 + '|x] "" B',
+        "BU_: " + " ".join(f"N{n}" for n in range(50_000)),
+        'VAL_ 1 S 0 "' + '\\"' * 200_000,
+        "VAL_ 1 S 0;" + "\t" * 200_000 + "x",
+    ],
+)
+def test_long_statements_take_no_long_time(read: Callable[..., can.CanFile], text: str) -> None:
+    file = read(dbc('Good : 8|8@1+ (1,0) [0|0] "" B', more=text))
+    assert file.messages[0].signals[0].entry.name == "Good"
+    assert all(len(sentence) < 300 for sentence in file.left_out)
+    with pytest.raises(UsageError):
+        read(f"[{' ' * 200_000}\n{text}", "5", "x.eds")
+
+
 def test_names_do_not_take_ever_longer() -> None:
     namespace = Namespace()
     taken = [namespace.take("sameName") for _ in range(20_000)]

@@ -19,6 +19,7 @@ from .source import number, read_text, shown
 
 _EXTENDED = 1 << 31
 _KINDS = {1: ("float", 32), 2: ("double", 64)}
+_NAMED = 30
 _PERIODS_MS = 0.1, 1e6
 """Shortest and longest cycle time: no bus has shorter ones."""
 
@@ -47,7 +48,7 @@ def read_dbc(path: Path, who: tuple[str, ...]) -> tuple[tuple[CanMessage, ...], 
     nodes = [_node(dbc, name) for name in dbc.nodes]
     for node in who:
         if node not in nodes:
-            hint = did_you_mean(node, nodes) or f"it has {', '.join(nodes) or 'no nodes'}"
+            hint = did_you_mean(node, nodes) or f"it has {', '.join(nodes[:_NAMED]) or 'no nodes'}"
             raise UsageError(f"{path}: there is no node '{node}': {hint}")
     messages: list[CanMessage] = []
     left_out = list(dbc.left_out)
@@ -98,8 +99,9 @@ def _message(dbc: Dbc, item: Message, *, sent: bool) -> tuple[CanMessage, list[s
     )
     sentences = [f"{message.label} {sentence}"] if sentence else []
     signals: list[CanSignal] = []
+    multiplexers = [signal for signal in item.signals if signal.mark.endswith("M")]
     for signal in item.signals:
-        selector, reason = _selector(dbc, item, signal)
+        selector, reason = _selector(dbc, item, signal, multiplexers)
         made, other_reason = _signal(dbc, item, signal, selector)
         if reason or other_reason:
             sentences.append(f"{message.label}: signal {made.entry.name} {reason or other_reason}")
@@ -166,7 +168,9 @@ def _limits(signal: Signal) -> tuple[float | None, float | None]:
     return (None, None) if low == high == 0 else (low, high)
 
 
-def _selector(dbc: Dbc, item: Message, signal: Signal) -> tuple[Selector | None, str]:
+def _selector(
+    dbc: Dbc, item: Message, signal: Signal, multiplexers: list[Signal]
+) -> tuple[Selector | None, str]:
     """The multiplexer of a signal, or why it cannot be used."""
     conditions = dbc.conditions.get((item.number, signal.name), [])
     is_multiplexed = signal.mark.startswith("m")
@@ -175,7 +179,6 @@ def _selector(dbc: Dbc, item: Message, signal: Signal) -> tuple[Selector | None,
             None,
             "has values of a multiplexer (SG_MUL_VAL_), but no mark of it" if conditions else "",
         )
-    multiplexers = [other for other in item.signals if other.mark.endswith("M")]
     if conditions:
         name, ranges = conditions[0][0], [part for _, parts in conditions for part in parts]
         if any(other != name for other, _ in conditions):

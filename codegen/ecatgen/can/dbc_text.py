@@ -43,7 +43,7 @@ _TYPE = re.compile(r"([0-9]{1,10})\s+(\w+)\s*:?\s*([0-9]{1,3})")
 _CONDITION = re.compile(r"([0-9]{1,10})\s+(\w+)\s+(\w+)\s+([-0-9\s,]+)")
 _RANGE = re.compile(r"\s*([0-9]{1,10})\s*-\s*([0-9]{1,10})\s*")
 _SENDERS = re.compile(r"([0-9]{1,10})\s*:([\w\s,]*)")
-_VALUES = re.compile(r'([0-9]{1,10})\s+(\w+)([-+0-9.\s"]*)')
+_VALUES = re.compile(r'([0-9]{1,10})\s+(\w+)(?:\s([-+0-9.\s"]*))?')
 _COMMENT = re.compile(r'(?:BO_\s+([0-9]{1,10})|SG_\s+([0-9]{1,10})\s+(\w+))\s*""')
 _DEFINITION = re.compile(r'(?:BO_|SG_|BU_|EV_)?\s*""\s*(\w+)[^a-zA-Z]*')
 _DEFAULT = re.compile(rf'""\s*(?:""|{_NUMBER})')
@@ -126,7 +126,8 @@ class _Statement:
 
     @property
     def code(self) -> str:
-        return "".join(self.pieces).strip().removeprefix(":").rstrip(";").strip()
+        code = " ".join("".join(self.pieces).split())
+        return code.removeprefix(":").rstrip("; ").lstrip()
 
 
 class Dbc:
@@ -190,10 +191,8 @@ class Dbc:
         }
         for key, (keyword, line) in self._lines.items():
             if key not in known:
-                self._leave_out(
-                    f"line {line}: {keyword} is about signal {key[1]} of message {key[0]}, which "
-                    "is not there"
-                )
+                signal = f"signal {shown(key[1])} of message {key[0]}"
+                self._leave_out(f"line {line}: {keyword} is about {signal}, which is not there")
         more = len(self.left_out) - _ALL
         if more > 0:
             self.left_out[_ALL:] = [f"{more} more statements cannot be understood"]
@@ -246,7 +245,7 @@ class Dbc:
         return True
 
     def _node_names(self, code: str, _: _Statement) -> bool:
-        self.nodes += [name for name in _nodes(code) if name not in self.nodes]
+        self.nodes = list(dict.fromkeys((*self.nodes, *_nodes(code))))
         return re.fullmatch(r"[\w\s,]*", code) is not None
 
     def _more_senders(self, code: str, _: _Statement) -> bool:
@@ -265,7 +264,7 @@ class Dbc:
         found = _VALUES.fullmatch(code)
         if found is None:
             return re.match(r"[A-Za-z_]", code) is not None  # those of environment variables
-        numbers = found[3].replace('""', " ").split()
+        numbers = (found[3] or "").replace('""', " ").split()
         if len(numbers) != len(statement.texts) or not all(map(_WHOLE.fullmatch, numbers)):
             return False
         key = int(found[1]), found[2]

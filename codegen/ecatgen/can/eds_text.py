@@ -9,7 +9,7 @@ from ecatd.etg.datatypes import bit_length, is_signed
 
 from ..text import one_line
 
-_SECTION = re.compile(r"\[\s*([^]]*?)\s*\]")
+_SECTION = re.compile(r"\[([^]]*)\]")
 _WITH_NODE = re.compile(r"\$nodeid(?:\+([0-9a-fx]+))?|([0-9a-fx]+)\+\$nodeid")
 _NUMBER = re.compile(r"-?(?:0x[0-9a-f]{1,16}|[1-9][0-9]{0,19}|0)")
 _LARGEST_TYPE = 0x1B
@@ -55,7 +55,7 @@ class Eds:
             if not line or line[0] in ";#":
                 continue
             if found := _SECTION.match(line):
-                name, section = found[1].casefold(), {}
+                name, section = found[1].strip().casefold(), {}
                 if self._sections.setdefault(name, section) is not section:
                     self._doubtful.add(name)
                 continue

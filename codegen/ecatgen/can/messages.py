@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from ecatd.etg.datatypes import DataType, is_real, value_range
@@ -14,6 +14,7 @@ MAX_BYTES = 8
 
 STANDARD_MAX, EXTENDED_MAX = 0x7FF, 0x1FFFFFFF
 _INTEGER = 0x7FFFFFFF
+_SIGNALS = 5000
 
 NO_LIMIT = 1e300
 """Instead of infinity, which cannot be written in Modelica."""
@@ -45,6 +46,15 @@ class Selector:
     low: int
     high: int
 
+    def excludes(self, other: Selector | None) -> bool:
+        """Whether no frame has the signals of both."""
+        return (
+            other is not None
+            and (self.high < other.low or other.high < self.low)
+            and (self.start, self.length, self.big_endian)
+            == (other.start, other.length, other.big_endian)
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class CanSignal:
@@ -67,16 +77,6 @@ class CanSignal:
     def bits(self) -> frozenset[int]:
         """The bits of the frame that it has, numbered as in a DBC file."""
         return bits(self.start, self.entry.bit_length, big_endian=self.big_endian)
-
-    def excludes(self, other: CanSignal) -> bool:
-        """Whether no frame has both."""
-        one, two = self.selector, other.selector
-        if one is None or two is None:
-            return False
-        place = (one.start, one.length, one.big_endian)
-        return place == (two.start, two.length, two.big_endian) and (
-            one.high < two.low or two.high < one.low
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,11 +149,15 @@ def checked(message: CanMessage) -> tuple[CanMessage | None, list[str]]:
     most = EXTENDED_MAX if message.extended else STANDARD_MAX
     if not 0 <= message.identifier <= most:
         return None, [f"{message.label} has an identifier above 0x{most:X}"]
+    if len(message.signals) > _SIGNALS:
+        count = len(message.signals)
+        return None, [f"{message.label} has {count} signals, but at most {_SIGNALS} are possible"]
     kept: list[CanSignal] = []
     sentences = []
+    used = _Used()
     for signal in message.signals:
         signal, remark = _with_limits(signal)
-        reason = _reason(signal, message, kept)
+        reason = _reason(signal, message) or (used.add(signal) if message.sent else "")
         if reason:
             sentences.append(f"{message.label}: signal {signal.entry.name} {reason}")
             continue
@@ -192,7 +196,25 @@ def _place(signal: CanSignal) -> tuple[int, int, bool]:
     return signal.start, signal.entry.bit_length, signal.big_endian
 
 
-def _reason(signal: CanSignal, message: CanMessage, kept: Iterable[CanSignal]) -> str:
+class _Used:
+    """The bits of signals that are sent, page by page of a multiplexer."""
+
+    def __init__(self) -> None:
+        self._pages: dict[Selector | None, dict[int, str]] = {}
+
+    def add(self, signal: CanSignal) -> str:
+        """Adds a signal. If a frame would have bits of it twice, it does not, and says so."""
+        wanted, selector = signal.bits, signal.selector
+        for page, names in self._pages.items():
+            if page is not None and page.excludes(selector):
+                continue
+            if bit := wanted & names.keys():
+                return f"has bits of signal {names[min(bit)]}, too"
+        self._pages.setdefault(selector, {}).update(dict.fromkeys(wanted, signal.entry.name))
+        return ""
+
+
+def _reason(signal: CanSignal, message: CanMessage) -> str:
     """Why no frame can have a signal; empty if it can."""
     entry = signal.entry
     if not 1 <= entry.bit_length <= 64 or not signal.bits <= frozenset(range(8 * message.length)):
@@ -206,10 +228,6 @@ def _reason(signal: CanSignal, message: CanMessage, kept: Iterable[CanSignal]) -
         return f"has the factor {entry.scale:g} and the offset {entry.offset:g}"
     if signal.selector is not None and signal.selector.high > _INTEGER:
         return "depends on a multiplexer with more than 31 bits"
-    if message.sent:
-        for other in kept:
-            if signal.bits & other.bits and not signal.excludes(other):
-                return f"has bits of signal {other.entry.name}, too"
     return ""
 
 

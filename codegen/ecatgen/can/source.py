@@ -12,6 +12,7 @@ LIMIT = 20_000_000
 """Bytes of the largest file that is read."""
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_LONGEST = 400
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
@@ -37,7 +38,7 @@ def read_text(path: Path) -> str:
 def number(text: str) -> float | None:
     """The decimal number that a text is, which may be infinite; None if it is none."""
     text = text.strip()
-    return float(text) if _NUMBER.fullmatch(text) else None
+    return float(text) if len(text) < _LONGEST and _NUMBER.fullmatch(text) else None
 
 
 def shown(text: str) -> str:
