@@ -41,7 +41,7 @@ CHANNEL = CanChannel(
     filters=(),
     safe=(),
     bus_off_restart_ms=0,
-    remark="",
+    remarks=(),
 )
 """A CAN bus behind slave 0, which is no terminal in truth."""
 
