@@ -212,16 +212,10 @@ int ecat_axes_home(ecat_axes *axes, unsigned which, double timeout) {
   return code;
 }
 
-/* Seconds for a way from rest to rest. */
-static double time_for(double way, double speed, double acceleration) {
-  if (way * acceleration < speed * speed) return 2 * sqrt(way / acceleration);
-  return way / speed + speed / acceleration;
-}
-
 int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, const double *speeds,
                    const double *accelerations, double timeout) {
   ecat_drive_request requests[AXES_MAX];
-  double times[AXES_MAX], longest = 0;
+  double ways[AXES_MAX], speed = HUGE_VAL, acceleration = HUGE_VAL; /* of the part of the way, 0 to 1, that all have gone */
   int i, n = 0, code = check_enabled(axes, which);
   if (code != 0) return code;
   copy_requests(axes, requests);
@@ -236,16 +230,17 @@ int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, con
       return fail_axis(axes, i, ECAT_EARG, "speed and acceleration must be positive");
     if (requests[i].target - requests[i].target != 0)
       return fail_axis(axes, i, ECAT_EARG, "its target is no finite number");
-    times[i] = time_for(fabs(requests[i].target - position_of(axes, i)), requests[i].speed, requests[i].acceleration);
-    if (times[i] > longest) longest = times[i];
+    ways[i] = fabs(requests[i].target - position_of(axes, i));
+    speed = fmin(speed, requests[i].speed / ways[i]);
+    acceleration = fmin(acceleration, requests[i].acceleration / ways[i]);
   }
   for (i = 0; i < axes->count; i++) {
-    double slower;
     if (!is_meant(axes, which, i)) continue;
-    slower = longest > 0 && times[i] > 1e-3 * longest ? times[i] / longest : longest > 0 ? 1e-3 : 1;
+    if (ways[i] * acceleration > 0 && ways[i] > axes->axis[i].drive.settings.window) {
+      requests[i].speed = ways[i] * speed;
+      requests[i].acceleration = ways[i] * acceleration;
+    } /* else it is there already */
     requests[i].mode = ECAT_DRIVE_CYCLIC_POSITION;
-    requests[i].speed *= slower; /* the same way in 1 / slower of the time */
-    requests[i].acceleration *= slower * slower;
     requests[i].halt = requests[i].home = 0;
   }
   (void)ecat_axes_request(axes, requests);

@@ -42,16 +42,22 @@ CLIENTS: dict[str, Callable[[Path], list[str]]] = {
 }
 
 
-@pytest.mark.parametrize("client", CLIENTS)
+def fmu(daemon: Daemon, folder: Path) -> list[str]:
+    daemon.ctl("generate", "Plant", str(folder), "--fmu")
+    return [sys.executable, str(EXAMPLES / "two_axes_fmu.py"), str(folder / "Plant.fmu")]
+
+
+@pytest.mark.parametrize("client", [*CLIENTS, "FMU"])
 def test_two_axes_home_move_and_stop(daemon: Daemon, tmp_path: Path, client: str) -> None:
-    command = [*CLIENTS[client](tmp_path), daemon.bus]
+    made = fmu(daemon, tmp_path) if client == "FMU" else CLIENTS[client](tmp_path)
+    command = [*made, daemon.bus]
     done = subprocess.run(command, env=daemon.env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     rows = [tuple(map(float, line.split(","))) for line in done.stdout.splitlines()]
     assert max(x for _, x, _ in rows) == pytest.approx(0.05, abs=0.001)
     assert max(y for _, _, y in rows) == pytest.approx(2.0, abs=0.03)
     assert rows[-1][1:] == (pytest.approx(0, abs=0.001), pytest.approx(0, abs=0.03))
-    # Both move in a trapezoid and together: x has gone a part of its way when y has.
+    # Both move in step: x has gone a part of its way when y has.
     between = [(x / 0.05, y / 2.0) for _, x, y in rows if 0.01 < x < 0.04]
     assert between
     assert all(x == pytest.approx(y, abs=0.05) for x, y in between)

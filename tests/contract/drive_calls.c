@@ -69,9 +69,10 @@ void *logic_open(const ecatm_drive_settings *settings) {
 }
 
 /* One evaluation of the logic; `in`: valid, status, display, position, velocity, torque, current,
- * enable, quick stop, fault reset; `out`: control word, mode, targets, max torque, state, enabled. */
+ * enable, quick stop, fault reset, losses of the session; `out`: control word, mode, targets, max torque, state, enabled. */
 void logic_step(void *drive, double time, const int *in, double reference, int *out, double *values) {
   int start_up, homing, reached;
+  ((ecatm_drive *)drive)->node.master->session.losses = (unsigned)in[10];
   out[6] = ecatm_drive_measure(drive, time, 0, in[0], in[1], in[2], in[3], in[4], in[5], in[6],
                                &values[0], &values[1], &values[2], &values[3], &out[7]);
   out[0] = ecatm_drive_command(drive, time, out[6], in[7], in[8], in[9], 0, reference, &out[1], &out[2],

@@ -7,7 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drive_calls import ABSOLUTE, AUTOMATIC, Has, Mode, Settings, State, build, settings
+from drive_calls import (
+    ABSOLUTE,
+    AUTOMATIC,
+    NEEDS_EDGE,
+    Has,
+    Mode,
+    Settings,
+    State,
+    build,
+    settings,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -63,9 +73,10 @@ class Logic:
             "enable": 1,
             "quick_stop": 0,
             "fault_reset": 0,
+            "losses": 0,
         }
         assert inputs.keys() <= now.keys()
-        data = (ctypes.c_int * 10)(*(now | inputs).values())
+        data = (ctypes.c_int * 11)(*(now | inputs).values())
         self._calls.logic_step(
             ctypes.c_void_p(self._drive),
             ctypes.c_double(self.time),
@@ -276,6 +287,56 @@ def test_a_drive_restarts_by_itself_only_if_it_is_to(calls: ctypes.CDLL, loss: s
     fails(drive, loss)
     drive.go_into_operation(20.0)
     assert drive.word == 0x0F
+
+
+def begins(drive: Logic, event: str) -> None:
+    """Brings about an event of the table, with `enable` true all the time."""
+    if event == "off at the start":
+        drive.step(State.SWITCH_ON_DISABLED)
+    elif event == "fault at the start":
+        drive.step(State.FAULT, fault_reset=1)
+        drive.step(State.SWITCH_ON_DISABLED)  # somebody has reset it
+    elif event == "in operation at the start":
+        drive.step(State.OPERATION_ENABLED)
+        drive.step(State.READY_TO_SWITCH_ON)
+    else:
+        drive.go_into_operation()
+    if event == "quick stop":
+        drive.step(State.OPERATION_ENABLED, quick_stop=1)
+        drive.step(State.SWITCH_ON_DISABLED)
+    elif event == "bus":
+        drive.step(State.OPERATION_ENABLED, valid=0)
+    elif event == "lease or daemon":
+        drive.step(State.OPERATION_ENABLED, losses=1)
+    elif event == "fault":
+        drive.step(State.FAULT)
+        drive.step(State.SWITCH_ON_DISABLED)
+    elif event == "by itself":
+        drive.step(State.SWITCH_ON_DISABLED)
+
+
+@pytest.mark.parametrize("restart", [AUTOMATIC, NEEDS_EDGE])
+@pytest.mark.parametrize(
+    "event",
+    [
+        *("off at the start", "fault at the start", "in operation at the start"),
+        *("fault", "quick stop", "bus", "lease or daemon", "by itself"),
+    ],
+)
+def test_the_table_of_events_and_policies(calls: ctypes.CDLL, event: str, restart: int) -> None:
+    """Of docs/modelica-drives.md: what happens while `enable` stays true."""
+    drive = Logic(calls, settings(Mode.CYCLIC_VELOCITY, max_dropout=0, restart=restart))
+    begins(drive, event)
+    losses = int(event == "lease or daemon")
+    words = []
+    for _ in range(3):
+        drive.step(State.READY_TO_SWITCH_ON, losses=losses)
+        words.append(drive.word)
+    starts = restart == AUTOMATIC or event == "off at the start"
+    assert words[-1] == (0x07 if starts else 0x06)
+    drive.step(State.READY_TO_SWITCH_ON, enable=0, losses=losses)
+    drive.step(State.READY_TO_SWITCH_ON, losses=losses)
+    assert drive.word == 0x07, "an edge starts it in any case"
 
 
 def test_the_edge_that_resets_a_fault_enables_the_drive(calls: ctypes.CDLL) -> None:

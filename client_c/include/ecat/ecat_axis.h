@@ -119,8 +119,8 @@ ECAT_API int ecat_axes_reset(ecat_axes *axes, unsigned which, double timeout);
 ECAT_API int ecat_axes_home(ecat_axes *axes, unsigned which, double timeout);
 /* Ends homing that was begun with a timeout of 0: back to mode CSP. */
 ECAT_API int ecat_axes_leave_home(ecat_axes *axes, unsigned which, double timeout);
-/* Moves axes in operation to positions, one for each axis that is meant. They arrive together: those with a shorter way
- * take more time than they need. `speeds` and `accelerations` have a number for each, too; NULL: those of the settings. */
+/* Moves axes in operation to positions, one for each axis that is meant. They go in step, on a straight
+ * line of positions, and arrive together: as fast as all of them may. `speeds` and `accelerations` have a number for each, too; NULL: those of the settings. */
 ECAT_API int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, const double *speeds,
                             const double *accelerations, double timeout);
 /* Begins to move axes in operation with speeds (mode CSV) or torques (mode CST), and returns at once. */
