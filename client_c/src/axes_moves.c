@@ -241,13 +241,14 @@ int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, con
       requests[i].acceleration = ways[i] * acceleration;
     } /* else it is there already */
     requests[i].mode = ECAT_DRIVE_CYCLIC_POSITION;
+    requests[i].interval = 0;
     requests[i].halt = requests[i].home = 0;
   }
   (void)ecat_axes_request(axes, requests);
   return finish(axes, which, ECAT_AXES_REACHED, timeout);
 }
 
-static int follow(ecat_axes *axes, unsigned which, int mode, const double *targets) {
+static int follow(ecat_axes *axes, unsigned which, int mode, const double *targets, double interval) {
   ecat_drive_request requests[AXES_MAX];
   int i, code = check_enabled(axes, which);
   if (code != 0) return code;
@@ -262,6 +263,8 @@ static int follow(ecat_axes *axes, unsigned which, int mode, const double *targe
     }
     requests[i].mode = mode;
     requests[i].target = *targets++;
+    requests[i].speed = requests[i].acceleration = 0;
+    requests[i].interval = interval;
     requests[i].halt = requests[i].home = 0;
     if (requests[i].target - requests[i].target != 0)
       return fail_axis(axes, i, ECAT_EARG, "its target is no finite number");
@@ -271,11 +274,15 @@ static int follow(ecat_axes *axes, unsigned which, int mode, const double *targe
 }
 
 int ecat_axes_run(ecat_axes *axes, unsigned which, const double *speeds) {
-  return follow(axes, which, ECAT_DRIVE_CYCLIC_VELOCITY, speeds);
+  return follow(axes, which, ECAT_DRIVE_CYCLIC_VELOCITY, speeds, 0);
+}
+
+int ecat_axes_follow(ecat_axes *axes, unsigned which, const double *positions, double interval) {
+  return follow(axes, which, ECAT_DRIVE_CYCLIC_POSITION, positions, interval > 0 ? interval : 0);
 }
 
 int ecat_axes_push(ecat_axes *axes, unsigned which, const double *torques) {
-  return follow(axes, which, ECAT_DRIVE_CYCLIC_TORQUE, torques);
+  return follow(axes, which, ECAT_DRIVE_CYCLIC_TORQUE, torques, 0);
 }
 
 int ecat_axes_stop(ecat_axes *axes, unsigned which, double timeout) {

@@ -22,6 +22,32 @@ static void trip(ecat_drive *drive, const char *why) {
 
 static int has_limits(const ecat_drive_settings *s) { return s->low <= s->high; }
 
+/* --- between two targets of the program ------------------------------------------------------- */
+
+static int is_cyclic(int mode) { return mode >= ECAT_DRIVE_CYCLIC_POSITION; }
+
+/* The target of this sample: on a straight line from the target before, if the program sends targets more seldom than
+ * the bus takes them. A line begins where the one before is, so that a target that comes early or late makes no step. */
+static void interpolate(ecat_drive *drive) {
+  const ecat_drive_order *before = &drive->order_before;
+  ecat_drive_order *now = &drive->order;
+  double wanted = now->request.target, left;
+  if (!(now->request.interval > 0) || !is_cyclic(now->request.mode) || !now->following || !before->following ||
+      before->request.mode != now->request.mode) {
+    now->line_from = now->line_to = wanted;
+    now->line_left = 0;
+    return;
+  }
+  if (wanted != before->line_to) {
+    now->line_from = before->request.target; /* where it was in the sample before */
+    now->line_to = wanted;
+    now->line_left = now->request.interval;
+  }
+  left = now->line_left - drive->elapsed;
+  now->line_left = left > 1e-9 ? left : 0;
+  now->request.target = now->line_to - (now->line_to - now->line_from) * (now->line_left / now->request.interval);
+}
+
 /* --- positions -------------------------------------------------------------------------------- */
 
 /* Increments for a length in rad. Positions in a drive may count the other way. */
@@ -195,6 +221,7 @@ static void set_profile(ecat_drive *drive) {
 }
 
 void drive_target(ecat_drive *drive) {
+  interpolate(drive);
   set_position(drive);
   set_velocity(drive);
   set_torque(drive);

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ def rig():
         drive.dictionary[0x2100, 0].on_write = lambda value, d=drive: d.break_encoder(bool(value))
     return Rig("two", drives)
 """
+CYCLE_TIME_US = 2000
 SCALE = 6.283185307179586e-4
 
 
@@ -142,6 +144,33 @@ def test_limits_are_observed(daemon: Daemon) -> None:
             assert axis.position == pytest.approx(1.0, abs=0.05)
             assert axis.status.limited
             axis.disable()
+
+
+def test_targets_between_two_positions_of_a_slow_program(axes: Drives, daemon: Daemon) -> None:
+    """At some 50 Hz: the target position of the drive makes no steps, and ends where it shall."""
+    x, _ = axes
+    axes.enable()
+    start = x.position
+    axes.follow([x], [start], 0.02)
+    x.wait_reached()
+    with daemon.client() as bus:
+        target = bus.signal("x/0x607A:00")
+        bus.sample()
+        seen = [target.value]
+        for number in range(1, 21):
+            axes.follow([x], [start + 0.05 * number], 0.02)
+            for _ in range(10):  # cycles of 2 ms
+                bus.wait(timeout=30)
+                bus.sample()
+                seen.append(target.value)
+        x.wait_reached()
+        bus.sample()
+        assert target.value == pytest.approx(start + 1.0, abs=2 * SCALE)
+    steps = [after - before for before, after in pairwise(seen)]
+    # A tenth of the way in each cycle; a busy machine may miss some of them.
+    usual = sorted(abs(step) for step in steps if step)[len([s for s in steps if s]) // 2]
+    assert usual == pytest.approx(0.005, abs=2 * SCALE)
+    axes.disable()
 
 
 def test_a_fault_stops_the_other_axis_and_needs_a_reset(axes: Drives, daemon: Daemon) -> None:

@@ -125,6 +125,10 @@ ECAT_API int ecat_axes_move(ecat_axes *axes, unsigned which, const double *posit
                             const double *accelerations, double timeout);
 /* Begins to move axes in operation with speeds (mode CSV) or torques (mode CST), and returns at once. */
 ECAT_API int ecat_axes_run(ecat_axes *axes, unsigned which, const double *speeds);
+/* Has axes in operation follow positions that the program sends again and again, at most `interval` seconds apart, as a
+ * controller does. The axes approach the first one. With `interval` 0 each position goes out at once; else the axes get
+ * straight lines between them, one interval late. Returns at once. */
+ECAT_API int ecat_axes_follow(ecat_axes *axes, unsigned which, const double *positions, double interval);
 ECAT_API int ecat_axes_push(ecat_axes *axes, unsigned which, const double *torques);
 /* Stops axes by their quick stop. */
 ECAT_API int ecat_axes_stop(ecat_axes *axes, unsigned which, double timeout);

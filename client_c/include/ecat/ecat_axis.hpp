@@ -79,6 +79,12 @@ class Axes {
     check(ecat_axes_push(axes_, all, torques.data()));
   }
 
+  // Positions that the program sends again and again, see ecat_axes_follow().
+  void follow(const std::vector<double>& positions, Seconds interval = Seconds(0)) {
+    sized(positions);
+    check(ecat_axes_follow(axes_, all, positions.data(), interval.count()));
+  }
+
   // The last cycle of an axis.
   ecat_axis_state state(int axis) const {
     ecat_axis_state state;

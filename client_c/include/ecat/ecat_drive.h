@@ -119,6 +119,8 @@ typedef struct ecat_drive_request {
   int home;                      /* in mode HOMING: it homes while this is 1 */
   double target;                 /* rad, rad/s or N.m, as the mode says */
   double speed, acceleration;    /* of the way to a position; 0: those of the settings, or of the drive */
+  double interval;               /* cyclic modes: seconds from one target to the next one. The drive gets straight lines
+                                    between them, one interval late; 0: each target at once */
 } ecat_drive_request;
 
 /* What is written to a drive, raw. */
@@ -160,6 +162,7 @@ typedef struct ecat_drive_order {
   int following, arrived;        /* the target comes from the request; it was reached once */
   double offset;                 /* target - request, of relative targets, in increments */
   double target, step;           /* increments, and change of it per second */
+  double line_from, line_to, line_left; /* the straight line between two targets of the request, and its rest in seconds */
   int strobe, offered;           /* profile position: bit 4; samples since the set-point was accepted */
   int home_seen;                 /* the drive has shown that homing is under way */
   double homing_for;             /* seconds since homing has begun */

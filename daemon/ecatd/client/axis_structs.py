@@ -52,7 +52,7 @@ class Request(ctypes.Structure):
             (name, _I)
             for name in ("mode", "ready", "enable", "quick_stop", "halt", "fault_reset", "home")
         ),
-        *((name, _D) for name in ("target", "speed", "acceleration")),
+        *((name, _D) for name in ("target", "speed", "acceleration", "interval")),
     )
 
 
@@ -92,6 +92,7 @@ class Order(ctypes.Structure):
         *((name, _I) for name in ("begun", "met", "armed", "stopping", "reset_pending")),
         *((name, _I) for name in ("following", "arrived")),
         *((name, _D) for name in ("offset", "target", "step")),
+        *((name, _D) for name in ("line_from", "line_to", "line_left")),
         *((name, _I) for name in ("strobe", "offered", "home_seen")),
         *((name, _D) for name in ("homing_for", "mode_for")),
     )
@@ -152,6 +153,7 @@ _FUNCTIONS: dict[str, tuple[object, tuple[object, ...]]] = {
     "axes_leave_home": (_I, (_POINTER, _U, _D)),
     "axes_move": (_I, (_POINTER, _U, _POINTER, _POINTER, _POINTER, _D)),
     "axes_run": (_I, (_POINTER, _U, _POINTER)),
+    "axes_follow": (_I, (_POINTER, _U, _POINTER, _D)),
     "axes_push": (_I, (_POINTER, _U, _POINTER)),
     "axes_stop": (_I, (_POINTER, _U, _D)),
     "axes_request": (_U64, (_POINTER, _POINTER)),

@@ -541,6 +541,23 @@ class Drives:
         _pairs(chosen, speeds, "speeds")
         self._call("run", chosen, _doubles(speeds))
 
+    def follow(
+        self, axes: Sequence[Drive] | None, positions: Sequence[float], interval: float = 0.0
+    ) -> None:
+        """Follows positions that the program sends again and again, as a controller does.
+
+        The axes approach the first position. Returns at once.
+
+        Args:
+            axes: Which; None: all.
+            positions: A position for each, in rad or m.
+            interval: Seconds from one call to the next. The axes get straight lines between the
+                positions, one interval late; 0: each position goes out at once.
+        """
+        chosen = self._chosen(axes)
+        _pairs(chosen, positions, "positions")
+        self._call("follow", chosen, _doubles(positions), seconds("interval", interval))
+
     def push(self, axes: Sequence[Drive] | None, torques: Sequence[float]) -> None:
         """See `Drive.push`."""
         chosen = self._chosen(axes)
