@@ -74,9 +74,12 @@ def program(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         ("ecat.h", "c", "c89 c99 c11 c17"),
         ("ecat_shm.h", "c", "c89 c99 c11 c17"),
         ("ecat_session.h", "c", "c89 c99 c11 c17"),
+        ("ecat_axis.h", "c", "c89 c99 c11 c17"),
         ("ecat.h", "c++", "c++11 c++14 c++17 c++20"),
         ("ecat_shm.h", "c++", "c++11 c++14 c++17 c++20"),
         ("ecat_session.h", "c++", "c++11 c++14 c++17 c++20"),
+        ("ecat_axis.h", "c++", "c++11 c++14 c++17 c++20"),
+        ("ecat_axis.hpp", "c++", "c++17 c++20"),
         ("ecat.hpp", "c++", "c++17 c++20"),
     ],
 )
