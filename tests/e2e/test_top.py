@@ -6,6 +6,7 @@ import asyncio
 import fcntl
 import os
 import pty
+import re
 import select
 import signal
 import struct
@@ -386,8 +387,12 @@ async def _a_slave_without_power(app: Top, pilot: Pilot[Any], daemon: Daemon) ->
     await _until(pilot, lambda: _state(app, "slaves_in_op") == "good")
 
 
+NOT_RUNNING = r"is not running( \(running: [^)]*\))?; start it with"
+"""Other daemons of the machine may be named."""
+
+
 async def _no_daemon(app: Top, pilot: Pilot[Any], daemon: Daemon) -> None:
     daemon.stop()
     await _until(pilot, lambda: "NO CONNECTION, values are of" in _shown(app))
-    await _until(pilot, lambda: "is not running; start it with" in " ".join(_shown(app).split()))
+    await _until(pilot, lambda: re.search(NOT_RUNNING, " ".join(_shown(app).split())))
     await _until(pilot, lambda: _state(app, "timing") == "unknown")
