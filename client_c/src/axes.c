@@ -99,6 +99,8 @@ static int exchange(ecat_axes *axes) {
     if (code == 0) code = written;
   }
   stop_together(axes);
+  for (i = 0; i < axes->count; i++)
+    if (axes->axis[i].changed) return ECAT_EBUS; /* the outputs stay at their safe values */
   written = axes->claimed ? ecat_commit(axes->bus) : ECAT_ELEASE;
   if (written == ECAT_ELEASE && axes->claimed)
     for (i = 0; i < axes->count; i++) axes->axis[i].losses++;

@@ -30,7 +30,8 @@ static int is_so(const ecat_axis_state *state, int goal) {
     case ECAT_AXES_ENABLED:
       return view->enabled;
     case ECAT_AXES_OFF:
-      return !view->connected || (view->state < ECAT_DRIVE_SWITCHED_ON && view->state != ECAT_DRIVE_NOT_READY);
+      return !view->connected || view->state == ECAT_DRIVE_FAULT ||
+             (view->state < ECAT_DRIVE_SWITCHED_ON && view->state != ECAT_DRIVE_NOT_READY);
     case ECAT_AXES_WELL:
       return view->connected && view->state < ECAT_DRIVE_FAULT_REACTION;
     case ECAT_AXES_HOMED:
@@ -51,11 +52,13 @@ static const char *const NOT_YET[] = {"", "it is not enabled", "it is not switch
                                       "it is not homed", "it is not at its target", "it does not stand"};
 
 int ecat_axes_poll(ecat_axes *axes, unsigned which, int goal) {
-  int i, busy = 0, lost = -1, failed = -1;
+  int i, busy = 0, lost = -1, failed = -1, ended = -1, code = 0;
   pthread_mutex_lock(&axes->lock);
   for (i = 0; i < axes->count; i++) {
     const ecat_axis_state *state = &axes->state[i];
     if (!is_meant(axes, which, i)) continue;
+    if (state->code == ECAT_EBUS) code = ECAT_EBUS;
+    if (goal == ECAT_AXES_HOMED && !axes->wanted[i].home) ended = i; /* by another thread */
     if (state->answered < axes->asked) {
       busy = 1;
     } else if (!is_so(state, goal)) {
@@ -65,6 +68,8 @@ int ecat_axes_poll(ecat_axes *axes, unsigned which, int goal) {
     }
   }
   pthread_mutex_unlock(&axes->lock);
+  if (code != 0) return code;
+  if (ended >= 0) return fail_axis(axes, ended, ECAT_ESTATE, "homing was ended by another request");
   if (failed >= 0) return fail_axis(axes, failed, ECAT_ESTATE, "homing has failed");
   if (lost >= 0) return fail_axis(axes, lost, ECAT_ESTATE, NOT_YET[goal]);
   return busy ? ECAT_EBUSY : 0;
@@ -119,6 +124,10 @@ int ecat_axes_enable(ecat_axes *axes, unsigned which, double timeout) {
   ecat_drive_request requests[AXES_MAX];
   ecat_axis_state state;
   int i, code;
+  for (i = 0; i < axes->count; i++) /* what is in operation already goes on */
+    if (ecat_axes_state(axes, i, &state) == 0 && state.view.enabled && state.order.waits == NULL &&
+        axes->wanted[i].enable && !axes->wanted[i].quick_stop)
+      which &= ~(1u << i);
   copy_requests(axes, requests);
   for (i = 0; i < axes->count; i++)
     if (is_meant(axes, which, i))
@@ -130,12 +139,17 @@ int ecat_axes_enable(ecat_axes *axes, unsigned which, double timeout) {
     (void)ecat_axes_state(axes, i, &state);
     if (state.view.state >= ECAT_DRIVE_FAULT_REACTION)
       return fail_axis(axes, i, ECAT_ESTATE, "remove its cause, and reset it");
-    requests[i].target = ecat_drive_velocities(requests[i].mode) || ecat_drive_torques(requests[i].mode)
-                             ? 0 : state.view.position;
-    requests[i].enable = 1;
+    requests[i].mode = ECAT_DRIVE_CYCLIC_POSITION;
+    requests[i].hold = requests[i].enable = 1;
   }
   (void)ecat_axes_request(axes, requests);
-  return finish(axes, which, ECAT_AXES_ENABLED, timeout);
+  code = finish(axes, which, ECAT_AXES_ENABLED, timeout);
+  if (code != 0) { /* it must not take effect later */
+    for (i = 0; i < axes->count; i++)
+      if (is_meant(axes, which, i)) requests[i].enable = 0;
+    (void)ecat_axes_request(axes, requests);
+  }
+  return code;
 }
 
 int ecat_axes_disable(ecat_axes *axes, unsigned which, double timeout) {
@@ -195,7 +209,7 @@ int ecat_axes_leave_home(ecat_axes *axes, unsigned which, double timeout) {
     if (!is_meant(axes, which, i)) continue;
     requests[i].mode = ECAT_DRIVE_CYCLIC_POSITION;
     requests[i].home = 0;
-    requests[i].target = position_of(axes, i);
+    requests[i].hold = 1; /* where it has come to rest */
   }
   (void)ecat_axes_request(axes, requests);
   code = settle(axes);
@@ -242,7 +256,7 @@ int ecat_axes_move(ecat_axes *axes, unsigned which, const double *positions, con
     } /* else it is there already */
     requests[i].mode = ECAT_DRIVE_CYCLIC_POSITION;
     requests[i].interval = 0;
-    requests[i].halt = requests[i].home = 0;
+    requests[i].halt = requests[i].home = requests[i].hold = 0;
   }
   (void)ecat_axes_request(axes, requests);
   return finish(axes, which, ECAT_AXES_REACHED, timeout);
@@ -265,7 +279,7 @@ static int follow(ecat_axes *axes, unsigned which, int mode, const double *targe
     requests[i].target = *targets++;
     requests[i].speed = requests[i].acceleration = 0;
     requests[i].interval = interval;
-    requests[i].halt = requests[i].home = 0;
+    requests[i].halt = requests[i].home = requests[i].hold = 0;
     if (requests[i].target - requests[i].target != 0)
       return fail_axis(axes, i, ECAT_EARG, "its target is no finite number");
   }

@@ -70,7 +70,19 @@ static int take_scale(ecat_axis *axis, int object, const ecat_signal_info *info,
   int quantity = OBJECTS[object].quantity;
   const struct axis_unit *unit = find_unit(info->unit);
   double scale;
-  if (quantity < 0 || unit == NULL || unit->quantity != quantity) return 0;
+  if (quantity < 0) return 0;
+  if (unit == NULL || unit->quantity != quantity) {
+    if (*info->unit == '\0' || quantity == AXIS_TORQUE || quantity == AXIS_CURRENT) return 0; /* % of rated values */
+    return ecat_fail(axis->bus, ECAT_EARG,
+                     "axis %s: 0x%04X of slave %d has the unit %s, which is none of a %s: correct its [[signal]] table in "
+                     "the configuration of the daemon", axis->name, index_of(axis, object), axis->slave, info->unit,
+                     quantity == AXIS_POSITION ? "position" : "speed");
+  }
+  if (quantity == AXIS_VELOCITY && known[AXIS_POSITION] != 0 && unit->linear != axis->linear)
+    return ecat_fail(axis->bus, ECAT_EARG,
+                     "axis %s: 0x%04X of slave %d has the unit %s, but its position is in %s: correct the [[signal]] tables "
+                     "in the configuration of the daemon", axis->name, index_of(axis, object), axis->slave, info->unit,
+                     axis->linear ? "m" : "rad");
   if (info->offset != 0)
     return ecat_fail(axis->bus, ECAT_EARG, "axis %s: 0x%04X of slave %d has an offset of %g %s: an axis has none",
                      axis->name, index_of(axis, object), axis->slave, info->offset, info->unit);
@@ -81,7 +93,7 @@ static int take_scale(ecat_axis *axis, int object, const ecat_signal_info *info,
                      "correct the [[signal]] tables in the configuration of the daemon",
                      axis->name, index_of(axis, object), axis->slave, index_of(axis, known[quantity] - 1));
   if (quantity == AXIS_POSITION) axis->linear = unit->linear;
-  if (quantity == AXIS_TORQUE) axis->torque_unit = 1;
+  if (quantity == AXIS_TORQUE) axis->torque_unit = unit->linear ? 2 : 1;
   *scale_of(axis, quantity) = scale;
   return 1;
 }
@@ -122,7 +134,7 @@ static int find_objects(ecat_axis *axis) {
 int ecat_axis_open(ecat_axis *axis, ecat_t *bus, const char *slave, int number) {
   ecat_drive_settings settings;
   ecat_slave_info info;
-  int code;
+  int i, code;
   ecat_drive_defaults(&settings, 1);
   memset(axis, 0, sizeof *axis);
   ecat_drive_init(&axis->drive, &settings);
@@ -133,6 +145,7 @@ int ecat_axis_open(ecat_axis *axis, ecat_t *bus, const char *slave, int number) 
   if (number < 1 || number > 8)
     return ecat_fail(bus, ECAT_EARG, "an axis of a drive is 1 to 8, not %d", number);
   if ((code = ecat_slave(bus, axis->slave, &info)) < 0) return code;
+  (void)snprintf(axis->place, sizeof axis->place, "%s", slave);
   (void)snprintf(axis->name, sizeof axis->name, number > 1 ? "%.40s/%d" : "%.40s", slave, number);
   axis->drive.settings.name = axis->name;
   axis->drive.settings.changes_mode = 1;
@@ -143,7 +156,9 @@ int ecat_axis_open(ecat_axis *axis, ecat_t *bus, const char *slave, int number) 
   axis->request.mode = ECAT_DRIVE_CYCLIC_POSITION;
   axis->request.ready = 1;
   axis->instance = ecat_instance(bus);
-  return find_objects(axis);
+  if ((code = find_objects(axis)) != 0) return code;
+  for (i = 0; i < 4; i++) axis->found[i] = *scale_of(axis, i);
+  return 0;
 }
 
 unsigned axis_lacks(const ecat_axis *axis, int mode) {
@@ -164,6 +179,10 @@ int ecat_axis_check(ecat_axis *axis, int mode) {
                      "axis %s: the position of slave %d (0x%04X) has no unit: write one into the configuration of the "
                      "daemon, with [[signal]] unit = \"rad\" (or \"m\") and scale for one increment",
                      axis->name, axis->slave, index_of(axis, POSITION));
+  if (axis->drive.settings.position_scale * axis->drive.settings.velocity_scale < 0)
+    return ecat_fail(axis->bus, ECAT_EARG,
+                     "axis %s: the scales of its position and its speed have different signs, so it would turn the wrong "
+                     "way: correct the [[signal]] tables in the configuration of the daemon", axis->name);
   wrong = ecat_drive_wrong(&axis->drive.settings);
   if (wrong != NULL) return ecat_fail(axis->bus, ECAT_EARG, "axis %s: %s", axis->name, wrong);
   lacks = axis_lacks(axis, mode);
@@ -175,11 +194,22 @@ int ecat_axis_check(ecat_axis *axis, int mode) {
 
 /* --- exchange --------------------------------------------------------------------------------- */
 
+/* Whether the axis of a daemon that was started again is another one than the program has opened. */
+static int is_another(const ecat_axis *axis) {
+  ecat_axis fresh;
+  return ecat_axis_open(&fresh, axis->bus, axis->place, axis->number) != 0 || fresh.slave != axis->slave ||
+         memcmp(fresh.signals, axis->signals, sizeof fresh.signals) != 0 ||
+         memcmp(fresh.found, axis->found, sizeof fresh.found) != 0;
+}
+
 /* The time of the sample: bus cycles, or the clock while there are none. */
 static void advance(ecat_axis *axis) {
   uint64_t cycle = ecat_cycle(axis->bus), now = ecat_now(), instance = ecat_instance(axis->bus);
   uint64_t cycles = cycle - axis->cycle;
-  if (instance != axis->instance) axis->losses++;
+  if (instance != axis->instance) {
+    axis->losses++;
+    axis->changed |= is_another(axis);
+  }
   if (axis->now_ns == 0)
     axis->time = 0;
   else if (instance == axis->instance && cycle > axis->cycle && cycles < 1000000)
@@ -211,7 +241,12 @@ int ecat_axis_read(ecat_axis *axis) {
 
 int ecat_axis_write(ecat_axis *axis) {
   ecat_drive_outputs outputs;
-  int i, code = ecat_drive_command(&axis->drive, axis->time, &axis->request, &outputs);
+  int i, code;
+  if (axis->changed)
+    return ecat_fail(axis->bus, ECAT_EBUS,
+                     "axis %s: the daemon was started again, and has another axis there, or other units: open it again",
+                     axis->name);
+  code = ecat_drive_command(&axis->drive, axis->time, &axis->request, &outputs);
   if (code != 0)
     return ecat_fail(axis->bus, code, "axis %s: the target %g is no number, or mode %d is none", axis->name,
                      axis->request.target, axis->request.mode);

@@ -81,7 +81,18 @@ static double approach(ecat_drive *drive, double wanted) {
   return from + now->step * passed;
 }
 
-/* The target position in increments, without overflow, before its limits. */
+/* Cuts a goal, so that the way to it is still one with limited speed and acceleration. An axis that is beyond a limit
+ * stays there until it is moved back: its limit is where it stands. */
+static double within_limits(ecat_drive *drive, double goal) {
+  const ecat_drive_settings *s = &drive->settings;
+  double from = drive->order_before.target, one, other;
+  if (!has_limits(s)) return goal;
+  one = increments(drive, s->low);
+  other = increments(drive, s->high);
+  return held(drive, goal, fmin(fmin(one, other), from), fmax(fmax(one, other), from));
+}
+
+/* The target position in increments, without overflow, before the limit of its speed. */
 static double position_target(ecat_drive *drive) {
   const ecat_drive_order *before = &drive->order_before;
   ecat_drive_order *now = &drive->order;
@@ -90,16 +101,21 @@ static double position_target(ecat_drive *drive) {
     now->offset = drive->view.increments - wanted;
     return drive->view.increments;
   }
-  if (drive->settings.reference == ECAT_DRIVE_RELATIVE) return wanted + now->offset;
+  if (now->request.hold) {
+    now->arrived = 1;
+    return before->target;
+  }
+  if (before->request.hold) now->arrived = 0;
+  if (drive->settings.reference == ECAT_DRIVE_RELATIVE) wanted += now->offset;
+  wanted = within_limits(drive, wanted);
+  if (drive->settings.reference == ECAT_DRIVE_RELATIVE) return wanted;
   if (now->request.mode == ECAT_DRIVE_PROFILE_POSITION) return wanted; /* the drive makes the way */
   if (now->request.speed > 0 && now->request.target != before->request.target) now->arrived = 0;
   return now->arrived ? wanted : approach(drive, wanted);
 }
 
-static double within_limits(ecat_drive *drive, double target) {
+static double within_speed(ecat_drive *drive, double target) {
   const ecat_drive_settings *s = &drive->settings;
-  double low = increments(drive, s->low), high = increments(drive, s->high);
-  if (has_limits(s)) target = held(drive, target, low < high ? low : high, low < high ? high : low);
   if (s->max_speed > 0 && drive->order.request.mode == ECAT_DRIVE_CYCLIC_POSITION && drive->order_before.following) {
     double most = s->max_speed / fabs(s->position_scale) * drive->elapsed, from = drive->order_before.target;
     target = held(drive, target, from - most, from + most);
@@ -140,7 +156,7 @@ static void watch_following_error(ecat_drive *drive) {
   const ecat_drive_settings *s = &drive->settings;
   double lag = fabs((drive->order.target - drive->view.increments) * s->position_scale);
   if (s->max_following_error > 0 && drive->order.following && lag > s->max_following_error)
-    trip(drive, "its following error was larger than maxFollowingError");
+    trip(drive, "its following error was beyond its limit");
 }
 
 static void set_position(ecat_drive *drive) {
@@ -151,7 +167,7 @@ static void set_position(ecat_drive *drive) {
     now->step = 0;
   } else if (ecat_drive_positions(now->request.mode)) {
     int halts = now->request.halt && drive->order_before.following;
-    now->target = halts ? drive->order_before.target : within_limits(drive, position_target(drive));
+    now->target = halts ? drive->order_before.target : within_speed(drive, position_target(drive));
   }
   if (now->request.mode == ECAT_DRIVE_PROFILE_POSITION) {
     offer(drive);
@@ -174,6 +190,15 @@ static int leads_out(const ecat_drive *drive, double direction) {
   return (drive->view.position >= s->high && direction > 0) || (drive->view.position <= s->low && direction < 0);
 }
 
+/* A speed with which the axis can still stop at the limit of its position. */
+static double braked(ecat_drive *drive, double speed) {
+  const ecat_drive_settings *s = &drive->settings;
+  double rest = speed > 0 ? s->high - drive->view.position : drive->view.position - s->low, most;
+  if (!has_limits(s) || speed == 0) return speed;
+  most = rest <= 0 ? 0 : s->approach_acceleration > 0 ? sqrt(2 * s->approach_acceleration * rest) : HUGE_VAL;
+  return held(drive, speed, -most, most);
+}
+
 static void set_velocity(ecat_drive *drive) {
   const ecat_drive_settings *s = &drive->settings;
   ecat_drive_order *now = &drive->order;
@@ -185,11 +210,9 @@ static void set_velocity(ecat_drive *drive) {
   }
   if (now->request.halt) speed = 0;
   if (s->max_speed > 0) speed = held(drive, speed, -s->max_speed, s->max_speed);
-  if (leads_out(drive, speed)) {
-    now->limited = 1;
-    speed = 0;
-  }
+  speed = braked(drive, speed);
   now->reached = fabs(drive->view.speed - speed) <= s->standstill_speed;
+  if (fabs(speed / s->velocity_scale) > 2147483647.0) now->limited = 1;
   now->out.velocity = drive_hold(speed / s->velocity_scale, -2147483647.0, 2147483647.0);
 }
 
@@ -201,7 +224,7 @@ static void set_torque(ecat_drive *drive) {
   now->out.torque = 0;
   if (!now->following || !ecat_drive_torques(now->request.mode)) return;
   if (leads_out(drive, drive->view.speed)) trip(drive, "it went beyond the limits of its position");
-  if (s->max_speed > 0 && fabs(drive->view.speed) > s->max_speed) trip(drive, "it was faster than maxSpeed");
+  if (s->max_speed > 0 && fabs(drive->view.speed) > s->max_speed) trip(drive, "it was faster than its limit");
   if (most > 32767) most = 32767;
   wanted = now->request.halt ? 0 : now->request.target / s->torque_scale;
   if (wanted > most || wanted < -most) now->limited = 1;

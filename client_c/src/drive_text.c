@@ -54,6 +54,8 @@ char *ecat_drive_explain(const ecat_drive *drive, char text[ECAT_DRIVE_TEXT]) {
     used += (size_t)snprintf(text + used, ECAT_DRIVE_TEXT - used, ", error code 0x%04X%s%s%s",
                              (unsigned)view->raw.error & 0xFFFFu, *error != '\0' ? " (" : "", error,
                              *error != '\0' ? ")" : "");
+  if (view->connected && (view->raw.status & 0x0800) != 0)
+    used += (size_t)snprintf(text + used, ECAT_DRIVE_TEXT - used, ", a limit of the drive is active");
   if (why != NULL)
     (void)snprintf(text + used, ECAT_DRIVE_TEXT - used, "; it stays off until enable is switched off and on, because %s",
                    why);

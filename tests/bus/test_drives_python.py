@@ -1,5 +1,6 @@
 """Axes in Python: enabled, homed, moved and stopped, over the real bus."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -8,12 +9,14 @@ import textwrap
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from conftest import Daemon, names, wait_for
 from ecatd.base.errors import LeaseError, NoAnswerError, OwnedError, StateError, UsageError
 from ecatd.client.drives import DriveError, Drives, DriveState, Homing
+from ecatsim.control import Simulator
 
 RIG = """
 from ecatsim.devices.drive import Drive
@@ -146,6 +149,77 @@ def test_limits_are_observed(daemon: Daemon) -> None:
             axis.disable()
 
 
+def test_nothing_moves_when_an_axis_is_enabled_beyond_its_limits(daemon: Daemon) -> None:
+    with daemon.client() as bus:
+        with bus.drive("y", lease=2) as axis:
+            axis.enable()
+            axis.home(37)
+            axis.move_to(2.0, speed=10)
+        axis = bus.drive("y", lease=2)
+        axis.limit(position=(-1.0, 1.0), speed=2.0)
+        with axis:
+            target = bus.signal("y/0x607A:00")
+            axis.enable()
+            start = axis.position
+            for _ in range(20):
+                bus.wait(timeout=30)
+                bus.sample()
+                assert target.value == pytest.approx(start, abs=0.01)
+            axis.move_to(0.9, speed=2.0, timeout=60)
+            assert axis.position == pytest.approx(0.9, abs=0.02)
+            axis.run(2.0)
+            wait_for(lambda: axis.status.limited and abs(axis.status.speed) < 0.05, daemon)
+            assert axis.position < 1.05, "it brakes before the limit"
+
+
+def test_an_enable_that_has_failed_does_not_take_effect_later(daemon: Daemon) -> None:
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator, daemon.client() as bus:
+        with bus.drive("x", lease=2) as axis:
+            axis.enable()
+            simulator.faults.power_off(0)
+            wait_for(lambda: not axis.status.connected, daemon)
+            with pytest.raises((NoAnswerError, DriveError)):
+                axis.enable(timeout=0.5)
+            simulator.faults.power_on(0)
+            wait_for(lambda: axis.status.connected, daemon)
+            for _ in range(100):
+                axis._group.wait()
+                assert axis.status.state != DriveState.OPERATION_ENABLED
+            axis.enable(timeout=30)
+
+
+def test_a_daemon_that_comes_back_with_other_units_is_refused(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    daemon = start_daemon(str(rig), config=configuration())
+    with daemon.client() as bus, bus.drive("x", lease=2) as axis:
+        axis.enable()
+        daemon.stop()
+        other = configuration().replace(f"scale = {SCALE}", "scale = 0.01")
+        again = start_daemon(str(rig), "--bus", daemon.bus, config=other)
+        wait_for(lambda: axis._group.state(0).code != 0, again)
+        with pytest.raises(StateError) as error:
+            axis.enable(timeout=30)
+        names(error.value, "axis x", "other units", "open it again")
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        {"speed": 0},
+        {"position": (1, -1)},
+        {"position": 0.1},
+        {"following_error": -1},
+        {"torque": 1},
+    ],
+)
+def test_limits_that_are_none_are_refused(daemon: Daemon, limit: dict[str, Any]) -> None:
+    with daemon.client() as bus:
+        axis = bus.drive("x")
+        with pytest.raises(UsageError):
+            axis.limit(**limit)
+
+
 def test_targets_between_two_positions_of_a_slow_program(axes: Drives, daemon: Daemon) -> None:
     """At some 50 Hz: the target position of the drive makes no steps, and ends where it shall."""
     x, _ = axes
@@ -223,6 +297,21 @@ def test_an_axis_stops_when_its_program_does(daemon: Daemon, how: int) -> None:
         process.kill()
         process.wait()
         process.stdout.close()
+
+
+def test_axes_that_a_program_forgets_do_not_go_on(daemon: Daemon) -> None:
+    with daemon.client() as bus:
+        axis = bus.drive("x", lease=2)
+        axis.__enter__()
+        axis.enable()
+        axis.run(3.0)
+        axis.wait_reached()
+        del axis
+        gc.collect()
+        status = bus.signal("x/0x6041:00")
+        while int(status.raw) & 0x6F == 0x27:
+            bus.wait(timeout=30)
+            bus.sample()
 
 
 def test_after_a_restart_of_the_daemon_an_axis_waits_for_enable(

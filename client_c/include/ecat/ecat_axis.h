@@ -31,11 +31,14 @@ typedef struct ecat_axis {
   ecat_drive drive;              /* `drive.view`: what the axis does; `drive.order`: what becomes of the request */
   ecat_drive_request request;    /* set by the program */
   int linear;                    /* positions are in m, not in rad */
-  int torque_unit;               /* 1: torques are in N.m or N; 0: 1 is the rated torque, since the bus has no unit */
+  int torque_unit;               /* 1: torques are in N.m, 2: in N; 0: 1 is the rated torque, since the bus has no unit */
   int slave, number;             /* its position on the bus, and its axis, 1 first */
   ecat_t *bus;                   /* this member and the following ones are for ecat_axis_*() only */
   char name[ECAT_AXIS_NAME];
   int signals[ECAT_AXIS_OBJECTS]; /* handles of its objects, -1: not in the process data */
+  char place[ECAT_AXIS_NAME];    /* of its slave, as the program has named it */
+  double found[4];               /* its scales, as the bus has them */
+  int changed;                   /* the daemon came back with other slaves or units, so that nothing is written */
   double time;                   /* seconds of bus cycles */
   uint64_t cycle, instance, now_ns;
   unsigned losses;
@@ -52,7 +55,8 @@ ECAT_API int ecat_axis_check(ecat_axis *axis, int mode);
 /* Takes the last sample. */
 ECAT_API int ecat_axis_read(ecat_axis *axis);
 /* Stages what the request makes of it. The program has claimed the slave. ECAT_ELEASE: the claim is lost; when the slave is
- * claimed again, the axis needs an edge of `enable`, as its `restart` says. */
+ * claimed again, the axis needs an edge of `enable`, as its `restart` says. ECAT_EBUS: the daemon was started again,
+ * and this axis is another one now, or counts in other units: open it again. */
 ECAT_API int ecat_axis_write(ecat_axis *axis);
 
 /* --- Axes that move together: a thread of the library exchanges them in every bus cycle, over a connection of its

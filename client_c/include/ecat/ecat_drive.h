@@ -116,6 +116,7 @@ typedef struct ecat_drive_request {
   int quick_stop;                /* it shall stop quickly */
   int halt;                      /* it shall stand still, in operation */
   int fault_reset;               /* a change from 0 to 1 resets a fault */
+  int hold;                      /* position modes: the axis stays where it stands when it begins; `target` is not used */
   int home;                      /* in mode HOMING: it homes while this is 1 */
   double target;                 /* rad, rad/s or N.m, as the mode says */
   double speed, acceleration;    /* of the way to a position; 0: those of the settings, or of the drive */

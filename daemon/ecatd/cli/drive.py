@@ -136,8 +136,7 @@ def _show(options: argparse.Namespace, axis: Drive, status: AxisStatus) -> None:
     print(f"  mode      {modes.get(status.mode, 'none')} ({status.mode})")
     print(f"  position  {status.position:.6g} {unit}")
     print(f"  speed     {status.speed:.6g} {unit}/s")
-    torque = "N" if axis.linear else "N.m"
-    print(f"  torque    {status.torque:.6g} {torque if axis.has_torque_unit else 'rated'}")
+    print(f"  torque    {status.torque:.6g} {axis.torque_unit or 'rated'}")
 
 
 def _document(axis: Drive, status: AxisStatus) -> dict[str, Any]:
@@ -153,7 +152,7 @@ def _document(axis: Drive, status: AxisStatus) -> dict[str, Any]:
         "position": status.position,
         "speed": status.speed,
         "torque": status.torque,
-        "torque_unit": ("N" if axis.linear else "N.m") if axis.has_torque_unit else "",
+        "torque_unit": axis.torque_unit,
         "text": axis.explain(),
     }
 
@@ -217,7 +216,7 @@ def _step(options: argparse.Namespace, axis: Drive) -> float:
     usual = 0.01 if axis.linear else 0.1
     step = usual if options.step is None else options.step
     if not 0 < step < 1e6:
-        raise UsageError(f"--step must be positive, not {step:g}")
+        raise UsageError(f"--step must be between 0 and 1e6, not {step:g}")
     return float(step)
 
 

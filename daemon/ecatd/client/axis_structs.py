@@ -50,7 +50,16 @@ class Request(ctypes.Structure):
     _fields_ = (
         *(
             (name, _I)
-            for name in ("mode", "ready", "enable", "quick_stop", "halt", "fault_reset", "home")
+            for name in (
+                "mode",
+                "ready",
+                "enable",
+                "quick_stop",
+                "halt",
+                "fault_reset",
+                "hold",
+                "home",
+            )
         ),
         *((name, _D) for name in ("target", "speed", "acceleration", "interval")),
     )
@@ -123,6 +132,9 @@ class Axis(ctypes.Structure):
         ("torque_unit", _I),
         ("slave", _I),
         ("number", _I),
+        ("bus", _POINTER),
+        ("name", ctypes.c_char * 48),
+        ("signals", _I * 16),
     )
 
 

@@ -68,6 +68,7 @@ class Client:
         self._requests = Requests(self._connection)
         self._signals: dict[int, Signal] = {}
         self._groups: WeakSet[SignalGroup] = WeakSet()
+        self._drives: WeakSet[Drives] = WeakSet()
         self._waiter: CycleWaiter | None = None
         self._seen = 0  # last cycle that asyncio waited for
         self._of_slaves: dict[int, list[int]] = {}  # the entries of each slave; they never change
@@ -85,6 +86,8 @@ class Client:
         Raises:
             UsageError: Another thread waits with this client.
         """
+        for drives in list(self._drives):
+            drives.close()
         self._connection.close()
         if self._waiter is not None:
             self._waiter.close()
@@ -297,7 +300,9 @@ class Client:
         """Several axes; with `together`, all stop when one of them stops by itself."""
         from .drives import Drives
 
-        return Drives(self, names, lease=lease, together=together)
+        made = Drives(self, names, lease=lease, together=together)
+        self._drives.add(made)
+        return made
 
     # --- the image --------------------------------------------------------------------------------
 

@@ -24,6 +24,7 @@ from ecatd.base.errors import (
     UsageError,
 )
 from ecatd.base.timeouts import Timeout
+from ecatd.etg.drives import AXES
 from ecatd.shm.contract import Errno
 
 from .arguments import seconds, text, whole
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 V = TypeVar("V")
 
 _HOMING_METHOD, _HOMING_METHODS = 0x6098, 0x60E3
+_MAX_TORQUE = 6
+"""Place of 0x6072 among the objects of an axis."""
 _LEASE = 0.2
 """Seconds without an exchange after which the axes stop as their safe outputs say."""
 _CYCLE_PATIENCE = 1.0
@@ -171,7 +174,7 @@ class Drive:
         name: Name or position of its slave, as given.
         slave: Position of its slave.
         linear: Whether positions are in m, not in rad.
-        has_torque_unit: Whether torques are in N·m or N; else 1 is the rated torque.
+        torque_unit: `N.m` or `N`; empty: 1 is the rated torque.
     """
 
     def __init__(self, group: Drives, number: int, name: str) -> None:
@@ -181,7 +184,7 @@ class Drive:
         self._raw = raw
         self.slave = int(raw.slave)
         self.linear = bool(raw.linear)
-        self.has_torque_unit = bool(raw.torque_unit)
+        self.torque_unit = ("", "N.m", "N")[raw.torque_unit]
 
     # --- settings ---------------------------------------------------------------------------------
 
@@ -207,14 +210,20 @@ class Drive:
         self._group.check_not_begun()
         settings = self._raw.drive.settings
         if position is not None:
-            settings.low, settings.high = sorted(map(_number, position))
-        for name, value in (
-            ("max_speed", speed),
-            ("max_torque", torque),
-            ("max_following_error", following_error),
+            low, high = _ends(position)
+            settings.low, settings.high = low, high
+        if torque is not None and self._raw.signals[_MAX_TORQUE] < 0:
+            raise UsageError(
+                f"axis {self.name}: 0x6072 (max torque) is not in its process data, so its torque "
+                "can only be limited in the drive: add it to its pdos, or to its [[slave.startup]]"
+            )
+        for name, key, value in (
+            ("speed", "max_speed", speed),
+            ("torque", "max_torque", torque),
+            ("following_error", "max_following_error", following_error),
         ):
             if value is not None:
-                setattr(settings, name, _number(value))
+                setattr(settings, key, _positive(name, value))
 
     def units(
         self,
@@ -234,11 +243,16 @@ class Drive:
         self._group.check_not_begun()
         settings = self._raw.drive.settings
         if position is not None:
-            settings.position_scale = settings.velocity_scale = _number(position)
+            if settings.position_scale != 0:
+                raise UsageError(
+                    f"axis {self.name}: the bus has a unit of its position already: correct it in "
+                    "the configuration of ecatd, with [[signal]]"
+                )
+            settings.position_scale = settings.velocity_scale = _scale(position)
         if velocity is not None:
-            settings.velocity_scale = _number(velocity)
+            settings.velocity_scale = _scale(velocity)
         if torque is not None:
-            settings.torque_scale = _number(torque)
+            settings.torque_scale = _scale(torque)
 
     # --- what it does ---------------------------------------------------------------------------
 
@@ -357,7 +371,7 @@ class Drives:
     ```python
     with bus.drives("x", "y") as axes:
         axes.enable()
-        axes.move_to([1.0, 2.0], speed=0.5)  # both arrive at the same time
+        axes.move_to(None, [1.0, 2.0], speed=0.5)  # both arrive at the same time
     ```
 
     Args:
@@ -380,10 +394,10 @@ class Drives:
         lease: float = _LEASE,
         together: bool = True,
     ) -> None:
+        self._address: int | None = None
         self._bus = bus
         self._lease, self._together = seconds("lease", lease), together
         self._begun = False
-        self._address: int | None = None
         pointer = ctypes.c_void_p()
         code = WAITING.ecat_axes_open(ctypes.byref(pointer), bus.name.encode())
         self._address = pointer.value
@@ -393,6 +407,9 @@ class Drives:
             slave, axis = _place(name)
             number = self._check(WAITING.ecat_axes_add(self._address, slave.encode(), axis))
             self.axes.append(Drive(self, number, str(name)))
+
+    def __del__(self) -> None:  # a program that has forgotten its axes must not leave them turning
+        self.close()
 
     def __getitem__(self, number: int) -> Drive:
         return self.axes[number]
@@ -469,7 +486,12 @@ class Drives:
 
     def enable(self, axes: Sequence[Drive] | None = None, timeout: float = 5.0) -> None:
         """See `Drive.enable`."""
-        self._do(axes, _Goal.ENABLED, timeout, "enable")
+        try:
+            self._do(axes, _Goal.ENABLED, timeout, "enable")
+        except BaseException:
+            with suppress(EcatError):  # it must not take effect later
+                self._call("disable", self._chosen(axes), 0.0)
+            raise
 
     def disable(self, axes: Sequence[Drive] | None = None, timeout: float = 10.0) -> None:
         """See `Drive.disable`."""
@@ -487,6 +509,9 @@ class Drives:
     ) -> None:
         """See `Drive.home`; all axes home at the same time."""
         chosen = self._chosen(axes)
+        for axis in chosen:
+            if not axis.status.enabled:
+                raise DriveError(f"{axis.explain()}: enable it first")
         if methods is not None:
             for axis, method in _pairs(chosen, methods, "homing methods"):
                 self._set_method(axis, method)
@@ -610,7 +635,10 @@ class Drives:
         return self._address
 
     def _chosen(self, axes: Sequence[Drive] | None) -> Sequence[Drive]:
-        return self.axes if axes is None else axes
+        chosen = self.axes if axes is None else axes
+        if len({axis._number for axis in chosen}) != len(chosen) or not chosen:
+            raise UsageError("the axes must be different ones, and at least one")
+        return chosen
 
     def _check(self, code: int) -> int:
         if code < 0:
@@ -690,6 +718,8 @@ def _place(name: str | int) -> tuple[str, int]:
     text("slave", name)
     slave, slash, axis = name.rpartition("/")
     if slash and axis.isdecimal():
+        if not 1 <= int(axis) <= AXES:
+            raise UsageError(f"an axis of a drive is 1 to {AXES}, not {axis}")
         return slave, int(axis)
     return name, 1
 
@@ -715,8 +745,33 @@ def _doubles(values: Sequence[float]) -> ctypes.Array[ctypes.c_double]:
     return (ctypes.c_double * len(values))(*map(_number, values))
 
 
+def _ends(position: tuple[float, float]) -> tuple[float, float]:
+    """The lowest and the highest position.
+
+    Raises:
+        UsageError: They are not.
+    """
+    try:
+        low, high = map(_number, position)
+    except TypeError:
+        low, high = 0.0, -1.0
+    if low >= high:
+        raise UsageError(f"position must be the lowest and the highest one, not {position!r}")
+    return low, high
+
+
+def _scale(value: float) -> float:
+    number = _number(value)
+    if number == 0:
+        raise UsageError("a scale cannot be 0")
+    return number
+
+
 def _number(value: float) -> float:
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{value!r} is no number") from error
     if not math.isfinite(number):
         raise UsageError(f"{value} is no finite number")
     return number
