@@ -173,19 +173,22 @@ def test_nothing_moves_when_an_axis_is_enabled_beyond_its_limits(daemon: Daemon)
 
 
 def test_an_enable_that_has_failed_does_not_take_effect_later(daemon: Daemon) -> None:
-    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator, daemon.client() as bus:
-        with bus.drive("x", lease=2) as axis:
-            axis.enable()
-            simulator.faults.power_off(0)
-            wait_for(lambda: not axis.status.connected, daemon)
-            with pytest.raises((NoAnswerError, DriveError)):
-                axis.enable(timeout=0.5)
-            simulator.faults.power_on(0)
-            wait_for(lambda: axis.status.connected, daemon)
-            for _ in range(100):
-                axis._group.wait()
-                assert axis.status.state != DriveState.OPERATION_ENABLED
-            axis.enable(timeout=30)
+    with (
+        Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
+        daemon.client() as bus,
+        bus.drive("x", lease=2) as axis,
+    ):
+        axis.enable()
+        simulator.faults.power_off(0)
+        wait_for(lambda: not axis.status.connected, daemon)
+        with pytest.raises((NoAnswerError, DriveError)):
+            axis.enable(timeout=0.5)
+        simulator.faults.power_on(0)
+        wait_for(lambda: axis.status.connected, daemon)
+        for _ in range(100):
+            axis._group.wait()
+            assert axis.status.state != DriveState.OPERATION_ENABLED
+        axis.enable(timeout=30)
 
 
 def test_a_daemon_that_comes_back_with_other_units_is_refused(
