@@ -106,7 +106,9 @@ def test_both_are_homed_and_positioned_at_the_same_time(axes: Axes) -> None:
     assert axes.get("y", POSITION) == pytest.approx(-1.5, abs=1e-2)
 
 
-def test_a_quick_stop_keeps_its_state_until_it_is_cancelled(axes: Axes) -> None:
+def test_a_quick_stop_keeps_its_state_until_it_is_cancelled(axes: Axes, daemon: Daemon) -> None:
+    for axis in AXES:  # brake by the quick stop ramp, and stay in QUICK STOP ACTIVE
+        daemon.ctl("sdo-write", axis, "0x605A", "0", "6")
     axes.enable(PV)
     axes.put("x", speed=0.05)
     axes.put("y", speed=-2)
@@ -118,6 +120,8 @@ def test_a_quick_stop_keeps_its_state_until_it_is_cancelled(axes: Axes) -> None:
     for axis in AXES:
         axes.put(axis, word=0x0F, speed=0)
     axes.until(lambda: all(axes.bits(axis) & 0x6F == 0x27 for axis in AXES))
+    for axis in AXES:
+        daemon.ctl("sdo-write", axis, "0x605A", "0", "2")
 
 
 @pytest.mark.parametrize("mode", [CSP, CSV, CST, PT])

@@ -908,7 +908,7 @@ def test_idns_are_those_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "device.toml"
     row = '[[idn]]\nidn = "S-0-0001"\nname = "Cycle time"\nattribute = 0x110000\nvalue = "d0 07"\n'
     file.write_text(f"vendor = 0xFFFF\nproduct = 1\n{row}unit = 'us'\nmaximum = 8000\n")
-    (drive,) = device_file.load(file).idns
+    (drive,) = any_device.load(file).idns
     assert (drive[1].name, drive[1].value, drive[1].maximum) == ("Cycle time", b"\xd0\x07", 8000)
     for wrong, word in ((f"{row}{row}", "twice"), (row.replace("S-0", "X-0"), "'X-0-0001'")):
         file.write_text(f"vendor = 0xFFFF\nproduct = 1\n{wrong}")

@@ -81,6 +81,19 @@ def _why_no_daemon(bus: str) -> EcatError:
     return why_no_daemon(bus)
 
 
+def _first(replies: Iterable[Any]) -> dict[str, Any] | None:
+    """The first answer of a daemon; None: there is none."""
+    for reply in replies:
+        sample = reply.ok if reply.ok is not None else reply.err
+        if sample is None:
+            continue
+        try:
+            return unpack(bytes(sample.payload), MAX_REPLY)
+        except UsageError:
+            break  # an error reply of Zenoh itself: nobody answered
+    return None
+
+
 class Session:
     """A session with the gateway of one bus.
 
@@ -175,8 +188,16 @@ class Session:
         Raises:
             EcatError: The error that the daemon replied, as its own class.
         """
-        found: A = self._answer(*self._send(operation))
-        return found
+        deadline = time.monotonic() + min(self.timeout, _GATEWAY_PATIENCE)
+        while True:
+            key, replies = self._send(operation)
+            answer = _first(replies)
+            # A gateway that starts lets clients in a moment before it answers: then nobody replies,
+            # and that at once. What may have changed something is never asked for twice.
+            if answer is not None or not self.is_local or key[0] != "ro" or time.monotonic() > deadline:
+                found: A = self._result(key, answer)
+                return found
+            time.sleep(_GATEWAY_PAUSE)
 
     def request_all(self, operations: Iterable[Operation[A]]) -> Iterator[A | EcatError]:
         """Has the daemon carry out many operations that take little time; the answers in order.
@@ -223,18 +244,14 @@ class Session:
 
     def _answer(self, key: tuple[str, ...], replies: Iterable[Any]) -> Any:
         """Waits for the answer."""
-        for reply in replies:
-            sample = reply.ok if reply.ok is not None else reply.err
-            if sample is None:
-                continue
-            try:
-                answer: Any = unpack(bytes(sample.payload), MAX_REPLY)
-            except UsageError:
-                break  # an error reply of Zenoh itself: nobody answered
-            if "error" in answer:
-                raise EcatError.from_reply(answer["error"])
-            return answer
-        raise self._silence(key)
+        return self._result(key, _first(replies))
+
+    def _result(self, key: tuple[str, ...], answer: dict[str, Any] | None) -> Any:
+        if answer is None:
+            raise self._silence(key)
+        if "error" in answer:
+            raise EcatError.from_reply(answer["error"])
+        return answer
 
     def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
         """Asks all buses in reach at once; for each key the answers by the name of the bus.
