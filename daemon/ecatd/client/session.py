@@ -189,15 +189,16 @@ class Session:
             EcatError: The error that the daemon replied, as its own class.
         """
         deadline = time.monotonic() + min(self.timeout, _GATEWAY_PATIENCE)
-        while True:
-            key, replies = self._send(operation)
-            answer = _first(replies)
-            # A gateway that starts lets clients in a moment before it answers: then nobody replies,
-            # and that at once. What may have changed something is never asked for twice.
-            if answer is not None or not self.is_local or key[0] != "ro" or time.monotonic() > deadline:
-                found: A = self._result(key, answer)
-                return found
+        key, replies = self._send(operation)
+        # A gateway that starts lets clients in a moment before it answers: then nobody replies, and
+        # that at once. What may have changed something is never asked for twice.
+        while (answer := _first(replies)) is None and self.is_local and key[0] == "ro":
+            if time.monotonic() > deadline:
+                break
             time.sleep(_GATEWAY_PAUSE)
+            key, replies = self._send(operation)
+        found: A = self._result(key, answer)
+        return found
 
     def request_all(self, operations: Iterable[Operation[A]]) -> Iterator[A | EcatError]:
         """Has the daemon carry out many operations that take little time; the answers in order.
