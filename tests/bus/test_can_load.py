@@ -74,7 +74,7 @@ class Case:
         wide = str(self.extended).lower()
         return (
             f"id = {first}, span = {self.span}, extended = {wide}, length = {self.length}, "
-            f"rate = {rate}, count = {COUNT}, delay = 2.0"
+            f"rate = {rate}, count = {COUNT}, delay = 8.0"  # the bus is in OP by then
         )
 
     @property

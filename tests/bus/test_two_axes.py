@@ -1,5 +1,6 @@
 """The examples of two axes: each client homes, moves and stops them, with the same movement."""
 
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,12 +22,13 @@ def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
 
 
 def compiled(source: str, folder: Path, compiler: list[str]) -> list[str]:
-    flags = subprocess.run(
+    said = subprocess.run(
         [sys.executable, "-m", "ecatd.cli", "client-flags"],
         capture_output=True,
         text=True,
         check=True,
-    ).stdout.split()
+    ).stdout
+    flags = shlex.split(said)  # as a shell does
     program = folder / "two_axes"
     subprocess.run(
         [*compiler, "-Wall", "-Wextra", "-Werror", "-o", program, EXAMPLES / source, *flags],

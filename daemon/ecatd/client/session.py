@@ -128,6 +128,7 @@ class Session:
         self._identity = identity
         self.is_local = endpoint.protocol == LOCAL
         self._connect = connect
+        self._answered = False
         zenoh.init_log_from_env_or("off")
         self.zenoh = self._opened()
 
@@ -191,12 +192,14 @@ class Session:
         deadline = time.monotonic() + min(self.timeout, _GATEWAY_PATIENCE)
         key, replies = self._send(operation)
         # A gateway that starts lets clients in a moment before it answers: then nobody replies, and
-        # that at once. What may have changed something is never asked for twice.
-        while (answer := _first(replies)) is None and self.is_local and key[0] == "ro":
-            if time.monotonic() > deadline:
+        # that at once. What may have changed something is never asked for twice; and once it has
+        # answered, silence is news.
+        while (answer := _first(replies)) is None and not self._answered:
+            if not self.is_local or key[0] != "ro" or time.monotonic() > deadline:
                 break
             time.sleep(_GATEWAY_PAUSE)
             key, replies = self._send(operation)
+        self._answered = self._answered or answer is not None
         found: A = self._result(key, answer)
         return found
 
