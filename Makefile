@@ -213,7 +213,7 @@ deb: $(BIN)/python $(PAGE)
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
 	  echo "The packages are for Debian 12, so the wheels must be for Python 3.11: make PYTHON=python3.11 deb"; exit 1; }
 	@rm -rf build/wheels
-	@$(BIN)/pip wheel --quiet --disable-pip-version-check --wheel-dir build/wheels '.[web,tui,record]'
+	@$(BIN)/pip wheel --quiet --disable-pip-version-check --wheel-dir build/wheels '.[web,tui,record,ros]'
 	@packaging/deb.sh build/wheels build/deb
 
 # Into build/site/VERSION; a warning, such as a link that leads nowhere, is an error.
