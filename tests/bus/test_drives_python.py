@@ -15,7 +15,8 @@ import pytest
 
 from conftest import Daemon, names, wait_for
 from ecatd.base.errors import LeaseError, NoAnswerError, OwnedError, StateError, UsageError
-from ecatd.client.drives import DriveError, Drives, DriveState, Homing
+from ecatd.client.axis_status import DriveState, Homing
+from ecatd.client.drives import DriveError, Drives
 from ecatsim.control import Simulator
 
 RIG = """

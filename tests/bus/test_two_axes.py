@@ -1,14 +1,19 @@
 """The examples of two axes: each client homes, moves and stops them, with the same movement."""
 
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from threading import Timer
 
 import pytest
 
-from conftest import Daemon
+from conftest import Daemon, names, wait_for
+from ecatd.base.errors import NoAnswerError, UsageError
+from ecatd.client.axis_status import Homing
+from ecatd.client.drives import DriveError
 
 pytestmark = pytest.mark.bus
 
@@ -68,3 +73,45 @@ def test_two_axes_home_move_and_stop(daemon: Daemon, tmp_path: Path, client: str
             word = bus.signal(f"{axis}/0x6041:00")
             bus.sample()
             assert int(word.raw) & 0x6F != 0x27, "it is stopped"
+
+
+@pytest.mark.parametrize("ends", [NoAnswerError, KeyboardInterrupt])
+def test_homing_that_is_given_up_holds_the_axis(daemon: Daemon, ends: type[BaseException]) -> None:
+    """By a time-out, or by Ctrl-C: it comes to rest, and does not go back."""
+    with daemon.client() as bus, bus.drive("x", lease=2) as axis:
+        axis.enable()
+        if ends is KeyboardInterrupt:
+            Timer(0.5, signal.raise_signal, (signal.SIGINT,)).start()
+        with pytest.raises(ends):
+            axis.home(timeout=0.5 if ends is NoAnswerError else 60)
+        wait_for(lambda: axis.status.enabled and abs(axis.status.speed) < 1e-3, daemon)
+        rest = axis.position
+        for _ in range(300):
+            axis._group.wait()
+        assert axis.position == pytest.approx(rest, abs=1e-4)
+        assert axis.status.homing == Homing.NOT_HOMED
+
+
+def test_a_homing_method_is_not_written_to_an_axis_that_cannot_home(daemon: Daemon) -> None:
+    before = daemon.ctl("sdo-read", "x", "0x6098").stdout
+    with (
+        daemon.client() as bus,
+        bus.drive("x", lease=2) as axis,
+        pytest.raises(DriveError, match="enable it first"),
+    ):
+        axis.home(-1)
+    assert daemon.ctl("sdo-read", "x", "0x6098").stdout == before
+
+
+def test_scales_of_opposite_signs_are_refused(start_daemon: Callable[..., Daemon]) -> None:
+    text = (EXAMPLES / "two-axes.toml").read_text()
+    first, entry, rest = text.partition('entry = "0x606C:00"')
+    assert entry
+    config = first + entry + rest.replace("scale = ", "scale = -", 1)
+    first, entry, rest = config.partition('entry = "0x60FF:00"')
+    config = first + entry + rest.replace("scale = ", "scale = -", 1)
+    daemon = start_daemon("two-axes", config=config)
+    with daemon.client() as bus:
+        with pytest.raises(UsageError) as error, bus.drive("x"):
+            pass
+        names(error.value, "axis x", "different signs", "[[signal]]")

@@ -16,7 +16,8 @@ from .output import print_json
 from .signals import ended_by_signals, open_client
 
 if TYPE_CHECKING:
-    from ecatd.client.drives import AxisStatus, Drive
+    from ecatd.client.axis_status import AxisStatus
+    from ecatd.client.drives import Drive, Drives
 
 COMMANDS = {"values": {"drive": "Enable, home, move and jog an axis (CiA 402), or show its state."}}
 
@@ -81,11 +82,12 @@ def drive(options: argparse.Namespace) -> int:
         )
     with open_client(options) as bus:
         name = int(options.axis) if options.axis.isdecimal() else options.axis
-        axis = bus.drive(name, lease=_LEASE)
+        axes = bus.drives(name, lease=_LEASE)
+        axis = axes[0]
         if options.scale is not None:
             axis.units(position=options.scale)
         if options.action == "status":
-            return _status(options, axis)
+            return _status(options, axes)
         _warn(options, axis)
         with ended_by_signals():
             try:
@@ -114,18 +116,18 @@ def _warn(options: argparse.Namespace, axis: Drive) -> None:
 # --- status -----------------------------------------------------------------------------------
 
 
-def _status(options: argparse.Namespace, axis: Drive) -> int:
-    axis._group.observe()
+def _status(options: argparse.Namespace, axes: Drives) -> int:
+    axes.observe()
     try:
-        status = axis.status
-        _show(options, axis, status)
+        status = axes[0].status
+        _show(options, axes[0], status)
     finally:
-        axis._group.close()
+        axes.close()
     return 0 if status.connected else StateError.exit_code
 
 
 def _show(options: argparse.Namespace, axis: Drive, status: AxisStatus) -> None:
-    from ecatd.client.drives import DriveMode
+    from ecatd.client.axis_status import DriveMode
 
     if options.json:
         print_json({"bus": options.bus, "axis": options.axis, **_document(axis, status)})

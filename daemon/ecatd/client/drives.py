@@ -11,7 +11,6 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
@@ -28,6 +27,7 @@ from ecatd.etg.drives import AXES
 from ecatd.shm.contract import Errno
 
 from .arguments import seconds, text, whole
+from .axis_status import AxisStatus, status_of
 from .axis_structs import TEXT, Axis, State
 from .connection import ERRORS, text_of
 from .structs import QUICK, WAITING
@@ -64,40 +64,6 @@ class Bus(Protocol):
         """Starts to write an object."""
 
 
-class DriveState(IntEnum):
-    """States of CiA 402."""
-
-    NOT_READY_TO_SWITCH_ON = 1
-    SWITCH_ON_DISABLED = 2
-    READY_TO_SWITCH_ON = 3
-    SWITCHED_ON = 4
-    OPERATION_ENABLED = 5
-    QUICK_STOP_ACTIVE = 6
-    FAULT_REACTION_ACTIVE = 7
-    FAULT = 8
-
-
-class DriveMode(IntEnum):
-    """Modes of operation, object 0x6060."""
-
-    PROFILE_POSITION = 1
-    PROFILE_VELOCITY = 3
-    PROFILE_TORQUE = 4
-    HOMING = 6
-    CYCLIC_POSITION = 8
-    CYCLIC_VELOCITY = 9
-    CYCLIC_TORQUE = 10
-
-
-class Homing(IntEnum):
-    """How homing goes."""
-
-    NOT_HOMED = 1
-    HOMES = 2
-    HOMED = 3
-    FAILED = 4
-
-
 class _Goal(IntEnum):
     """`ecat_axes_goal`."""
 
@@ -121,41 +87,6 @@ class DriveError(StateError):
     """An axis does not do what it shall; the message has its name, state, statusword and error."""
 
     name = "drive"
-
-
-@dataclass(frozen=True, slots=True)
-class AxisStatus:
-    """What an axis did in one cycle.
-
-    Attributes:
-        state: Its state.
-        enabled: Whether it follows its target.
-        connected: Whether there were valid data.
-        position: In rad, or in m of a linear axis.
-        speed: In rad/s or m/s.
-        torque: In N·m or N; without a unit of the bus, 1 is the rated torque.
-        current: In A; without a unit, 1 is the rated current.
-        status: The statusword 0x6041.
-        error: The error code 0x603F; 0 also if it is not in the process data.
-        mode: The mode that it is in, 0x6061.
-        reached: Whether it has reached its target.
-        limited: Whether a limit has changed its target.
-        homing: How homing goes.
-    """
-
-    state: DriveState
-    enabled: bool
-    connected: bool
-    position: float
-    speed: float
-    torque: float
-    current: float
-    status: int
-    error: int
-    mode: int
-    reached: bool
-    limited: bool
-    homing: Homing
 
 
 class Drive:
@@ -259,7 +190,7 @@ class Drive:
     @property
     def status(self) -> AxisStatus:
         """What it did in the last cycle."""
-        return _status(self._group.state(self._number))
+        return status_of(self._group.state(self._number))
 
     @property
     def position(self) -> float:
@@ -517,7 +448,7 @@ class Drives:
                 self._set_method(axis, method)
         try:
             self._do(chosen, _Goal.HOMED, timeout, "home")
-        except EcatError:
+        except BaseException:
             with suppress(EcatError):  # the first error counts
                 self._call("leave_home", chosen, 0.0)
             raise
@@ -782,22 +713,3 @@ def _positive(name: str, value: float) -> float:
     if number <= 0:
         raise UsageError(f"{name} must be positive, not {number:g}")
     return number
-
-
-def _status(state: State) -> AxisStatus:
-    view, order = state.view, state.order
-    return AxisStatus(
-        DriveState(view.state),
-        bool(view.enabled),
-        bool(view.connected),
-        view.position,
-        view.speed,
-        view.torque,
-        view.current,
-        view.raw.status & 0xFFFF,
-        view.raw.error & 0xFFFF,
-        view.raw.display,
-        bool(order.reached),
-        bool(order.limited),
-        Homing(order.homing),
-    )
