@@ -118,3 +118,19 @@ def test_a_speed_is_followed(player: Player) -> None:
     player.set("y.drive.enable", False)
     until(player, lambda: abs(player.get("y.drive.speed")) < 0.1)
     player.fmu.terminate()
+
+
+def test_units_that_contradict_each_other_are_named(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """The raw variables are there, and those of the other drive."""
+    first, entry, rest = (EXAMPLES / "two-axes.toml").read_text().partition('entry = "0x607A:00"')
+    assert entry
+    daemon = start_daemon(
+        "two-axes", config=first + entry + rest.replace("scale = ", "scale = 2", 1)
+    )
+    said = daemon.ctl("generate", "Plant", str(tmp_path), "--fmu")
+    names(said.stdout + said.stderr, "slave 0", "0x6064:00", "0x607A:00", "[[signal]]")
+    variables = Model(tmp_path / "Plant.fmu").variables
+    assert "x.drive.enable" not in variables
+    assert "y.drive.enable" in variables

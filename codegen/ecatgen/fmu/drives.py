@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ecatd.description.units import si_unit
 from ecatd.etg.drives import AXES, AXIS_OBJECTS
 
+from ..drive_units import UnsuitableError
 from ..ir import Block, Connector
 
 _CONTROL, _STATUS, _MODE, _POSITION = 0x6040, 0x6041, 0x6060, 0x6064
@@ -48,11 +49,29 @@ class FmuDrive:
 
 def find_drives(blocks: Sequence[Block]) -> Iterator[FmuDrive]:
     """The axes whose position has a unit in the description of the bus."""
+    for found in _all(blocks):
+        if isinstance(found, FmuDrive):
+            yield found
+
+
+def unsuitable_drives(blocks: Sequence[Block]) -> tuple[str, ...]:
+    """A sentence about each axis that cannot have variables in SI units, although it has units."""
+    return tuple(found for found in _all(blocks) if isinstance(found, str))
+
+
+def _all(blocks: Sequence[Block]) -> Iterator[FmuDrive | str]:
     for number, block in enumerate(blocks):
         for axis in range(1, AXES + 1):
-            found = _drive(number, block, axis)
-            if found is not None:
-                yield found
+            try:
+                found = _drive(number, block, axis)
+            except UnsuitableError as error:
+                yield (
+                    f"slave {block.position} {block.name}: has no variables in SI units in the FMU: "
+                    f"{error}"
+                )
+            else:
+                if found is not None:
+                    yield found
 
 
 def _drive(number: int, block: Block, axis: int) -> FmuDrive | None:
@@ -61,15 +80,22 @@ def _drive(number: int, block: Block, axis: int) -> FmuDrive | None:
     reads = {c.index - offset: c for c in block.reads if c.subindex == 0}
     if not ({_CONTROL, _MODE} <= writes.keys() and {_STATUS, _POSITION} <= reads.keys()):
         return None
-    names = {"drive"} & {c.name for c in (*block.writes, *block.reads)}
     position, linear = _scale(reads[_POSITION], ("rad", "m"))
-    if position is None or names or not writes.keys() & set(_TARGETS):
+    if position is None or not writes.keys() & set(_TARGETS):
         return None
-    target = writes.get(0x607A)
+    target = writes.get(_TARGETS[0])
     if target is not None and _scale(target, ("rad", "m")) != (position, linear):
-        return None  # a drive counts both alike, so one of the units is wrong
+        raise UnsuitableError(
+            f"{reads[_POSITION].address} and {target.address} have different units or scales, but "
+            "a drive counts both alike: correct their [[signal]] tables"
+        )
+    own = "drive" if axis == 1 else f"drive{axis}"
+    if any(c.name == own for c in (*block.writes, *block.reads)):
+        raise UnsuitableError("one of its entries has such a name itself")
     both = {**writes, **reads}
     velocity = _first(both, _VELOCITIES, ("rad/s", "m/s")) or position
+    if velocity * position < 0:
+        raise UnsuitableError("the scales of its position and its speed have different signs")
     torque = _first(both, _TORQUES, ("N.m", "N"))
     current = _first(both, _CURRENTS, ("A",))
     return FmuDrive(

@@ -18,6 +18,7 @@ from ..names import library_name
 from ..origin import dump_origin, essence, read_origin
 from .archive import member, pack, write
 from .build import build_fmu
+from .drives import unsuitable_drives
 from .files import fixed_files
 from .identity import with_token
 from .render import render
@@ -39,7 +40,7 @@ class FmuReport:
         is_change: Whether the file is new or differs from the one before.
         differences: Changes of the bus since the file was made, by slave and connector.
         otherwise: Whether the file differs although nothing has changed on the bus.
-        notes: A sentence for all that files of CAN buses have, and the FMU has not.
+        notes: A sentence for all that files of CAN buses, or drives, have, and the FMU has not.
     """
 
     fmu: Path
@@ -142,5 +143,5 @@ def generate_fmu(
         is_change=changed,
         differences=differences,
         otherwise=changed and before is not None and not differences,
-        notes=left_out(library.blocks),
+        notes=(*left_out(library.blocks), *unsuitable_drives(library.blocks)),
     )
