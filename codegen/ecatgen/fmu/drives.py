@@ -66,8 +66,8 @@ def _all(blocks: Sequence[Block]) -> Iterator[FmuDrive | str]:
                 found = _drive(number, block, axis)
             except UnsuitableError as error:
                 yield (
-                    f"slave {block.position} {block.name}: has no variables in SI units in the FMU: "
-                    f"{error}"
+                    f"slave {block.position} {block.name}: has no variables in SI units in the "
+                    f"FMU: {error}"
                 )
             else:
                 if found is not None:
