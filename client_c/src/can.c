@@ -4,6 +4,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 enum { BEATS_PER_LEASE = 8 };
 
@@ -438,6 +439,7 @@ int ecat_can_send(ecat_t *bus, int channel, const ecat_can_frame *frames, size_t
 }
 
 int ecat_can_flush(ecat_t *bus, int channel, double timeout) {
+  const struct timespec pause = {0, RETURN_PAUSE_NS};
   uint64_t start = ecat_now(), limit = ecat_ns(timeout);
   for (;;) {
     const ecat_shm_can_sender *sender;
@@ -454,6 +456,7 @@ int ecat_can_flush(ecat_t *bus, int channel, double timeout) {
       return ecat_fail(bus, ECAT_ETIMEOUT, "%u CAN frames for slave %d (%s) were not sent within %g s", (unsigned)left,
                        bus->can[channel].slave, name_of(bus, channel), timeout);
     code = ecat_wait_until(bus, &bus->header->cycle, ecat_cycle(bus) + 1, ECAT_WAKE_CYCLE, 0.1);
-    if (code == ECAT_EDOWN || code == ECAT_ESTALE) return code;
+    if (code == ECAT_EDOWN) return code;
+    if (code == ECAT_ESTALE) nanosleep(&pause, NULL); /* the frames wait, and the cycle may go on in time */
   }
 }

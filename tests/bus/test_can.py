@@ -23,7 +23,14 @@ import pytest
 from raw_slot import RawSlot
 
 from conftest import PATIENCE, Daemon, names, run_module, stop_process, wait_for
-from ecatd.base.errors import BusyError, LeaseError, OwnedError, UnreachableError, UsageError
+from ecatd.base.errors import (
+    BusyError,
+    LeaseError,
+    NoAnswerError,
+    OwnedError,
+    UnreachableError,
+    UsageError,
+)
 from ecatd.client import Client
 from ecatd.client.can import CanChannel, CanFrame, frame
 from ecatd.shm import contract as shm
@@ -550,6 +557,28 @@ def test_no_frame_goes_to_a_daemon_that_has_ended(
         names(error.value, "has ended")
 
 
+def test_frames_are_waited_for_while_the_cycle_stands_still(
+    start_daemon: Callable[..., Daemon], rig: Path
+) -> None:
+    daemon = start_daemon(str(rig), config=CONFIG)
+    with channel(daemon, LEFT) as left:
+        left.can.claim()
+        server = daemon.child_pid("ecatd.server")
+        stop_process(server)
+        try:
+            with pytest.raises(UnreachableError, match="stands still"):
+                while True:
+                    Client.wait(left.client)
+            left.can.send(0x100)
+            with pytest.raises(NoAnswerError, match="did not come within"):
+                left.can.flush(0.1)
+        finally:
+            os.kill(server, signal.SIGCONT)
+        left.can.flush(PATIENCE)
+        info = left.can.info
+        assert info.own_sent + info.own_unsent == 1  # the slaves may have left OP meanwhile
+
+
 # --- terminals that fail ----------------------------------------------------------------------
 
 
@@ -699,10 +728,13 @@ def test_ecatctl_that_sends_again_and_again_ends_in_order(daemon: Daemon, number
     with channel(daemon, LEFT) as watcher:
         before = watcher.can.info.safe
         command = [sys.executable, "-m", "ecatd.cli", "can", "send", "left", "321#01"]
-        process = subprocess.Popen([*command, "--every", "0.01"], env=daemon.env)
-        watcher.take(lambda seen: len([f for f in seen if f.identifier == 0x321]) > 3)
-        process.send_signal(number)
-        assert process.wait(PATIENCE) == 0
+        with subprocess.Popen([*command, "--every", "0.01"], env=daemon.env) as process:
+            try:
+                watcher.take(lambda seen: len([f for f in seen if f.identifier == 0x321]) > 3)
+                process.send_signal(number)
+                assert process.wait(PATIENCE) == 0
+            finally:
+                process.kill()
         assert (watcher.can.info.safe, watcher.can.info.safe_active) == (before, 0)
 
 

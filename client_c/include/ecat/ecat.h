@@ -366,7 +366,7 @@ ECAT_API int ecat_can_release(ecat_t *bus, int channel);
  * number of the last frame: the record that says that it was sent has the same. */
 ECAT_API int ecat_can_send(ecat_t *bus, int channel, const ecat_can_frame *frames, size_t count,
                            uint32_t *number);
-/* Waits until all frames of this client were sent, refused or lost. */
+/* Waits until all frames of this client were sent, refused or lost, also while the cycle stands still. */
 ECAT_API int ecat_can_flush(ecat_t *bus, int channel, double timeout);
 
 /* --- Requests: only ecat_wait_request() waits -------------------------------------------------- */

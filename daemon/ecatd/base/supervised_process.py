@@ -27,9 +27,13 @@ from typing import Any
 
 from .errors import EcatError
 from .log import Log
+from .notify import notify
 
 _STARTING_S = 2.0
 """Seconds between two lines that say that the start goes on."""
+
+_WATCHDOG_S = 1.0
+"""Seconds between two messages to the service manager."""
 
 _LINE_MAX = 1 << 26
 """Most bytes of the settings."""
@@ -90,6 +94,18 @@ async def answer_pings(
                 report("changed", str(error))
             else:
                 report("changed")
+
+
+async def feed_watchdog(alive: Callable[[], Awaitable[dict[str, Any]]]) -> None:
+    """Tells the service manager regularly that this process works, if it is a service of its own.
+
+    Args:
+        alive: As of `answer_pings`.
+    """
+    while True:
+        await alive()
+        notify("WATCHDOG=1", wait=False)
+        await asyncio.sleep(_WATCHDOG_S)
 
 
 def stop_signals(*more: signal.Signals) -> asyncio.Event:

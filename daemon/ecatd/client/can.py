@@ -303,6 +303,8 @@ class CanChannel:
     def flush(self, timeout: float = 1.0) -> None:
         """Waits until all frames of this client were sent, refused, or lost by the terminal.
 
+        It waits also while the cycle stands still.
+
         Raises:
             NoAnswerError: Some still wait.
             LeaseError: As `send`.

@@ -10,14 +10,12 @@ the service manager.
 
 from __future__ import annotations
 
-import asyncio
 import os
 import resource
 import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ecatd.base.errors import EcatError
 from ecatd.base.landlock import restrict
@@ -34,6 +32,7 @@ from ecatd.base.process import (
 )
 from ecatd.base.supervised_process import (
     answer_pings,
+    feed_watchdog,
     read_settings,
     report,
     run,
@@ -45,9 +44,6 @@ from ecatd.linux.systemd_services import other_version
 from ecatd.operations.endpoints import LOCAL, Endpoint
 from ecatd.shm.statistics import read
 
-if TYPE_CHECKING:
-    from .gateway import Gateway
-
 _OOM_SCORE = 500
 """The bus does not need the gateway, so the kernel ends it first if there is no memory left."""
 _RUNTIME = "(rx: (worker_threads: 2), acc: (handover: rx), net: (handover: rx), tx: (handover: rx))"
@@ -57,8 +53,6 @@ _SWITCH_S = 0.0002
 """Seconds after which a thread lets another one go on: a stream must not miss a cycle."""
 _FILES_MAX = 1 << 14
 """A session of the network has three sockets."""
-_PERIOD = 1.0
-"""Seconds between two messages that tell the service manager that this process works."""
 
 
 async def _serve(bus: str, log: Log, *, alone: bool) -> None:
@@ -79,17 +73,9 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
             notify("READY=1", f"STATUS=serves bus '{bus}'")
         else:
             report("ready")
-        work = _feed_watchdog(gateway) if alone else answer_pings(gateway.report)
-        await work_until(stop, work)
+        await work_until(stop, (feed_watchdog if alone else answer_pings)(gateway.report))
     finally:
         await gateway.stop()
-
-
-async def _feed_watchdog(gateway: Gateway) -> None:
-    while True:
-        await gateway.report()
-        notify("WATCHDOG=1", wait=False)
-        await asyncio.sleep(_PERIOD)
 
 
 def _folders(bus: str, config: GatewayConfig) -> list[Path]:

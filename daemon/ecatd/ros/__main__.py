@@ -32,6 +32,7 @@ from ecatd.base.process import (
 )
 from ecatd.base.supervised_process import (
     answer_pings,
+    feed_watchdog,
     read_settings,
     report,
     run,
@@ -43,8 +44,6 @@ from ecatd.config import Config, load_config, read_config
 _OOM_SCORE = 600
 """The kernel ends it before the gateway if there is no memory left."""
 _MEMORY = 512 << 20
-_PERIOD = 1.0
-"""Seconds between two messages that tell the service manager that this process works."""
 _NEEDED = "ROS 2 sees nothing of the bus without the package xxhash: pip install 'ecatd[ros]'"
 
 
@@ -57,7 +56,7 @@ async def _serve(config: Config, log: Log, *, alone: bool) -> None:
     else:
         report("ready")
     try:
-        await work_until(stop, _feed_watchdog() if alone else answer_pings(_alive))
+        await work_until(stop, (feed_watchdog if alone else answer_pings)(_alive))
     finally:
         publishing.cancel()
         with suppress(asyncio.CancelledError):
@@ -75,12 +74,6 @@ async def _publish(config: Config, log: Log) -> None:
 
 async def _alive() -> dict[str, Any]:
     return {}
-
-
-async def _feed_watchdog() -> None:
-    while True:
-        notify("WATCHDOG=1", wait=False)
-        await asyncio.sleep(_PERIOD)
 
 
 def main() -> int:
